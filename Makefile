@@ -1,0 +1,102 @@
+# Every target does its own set-up, in .venv and target/, and only what is not there yet.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(CURDIR)/$(VENV)/bin
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
+RUST := Cargo.toml pyproject.toml $(wildcard Cargo.lock) $(shell find src shaders -type f 2>/dev/null)
+
+# The extension module has a target folder of its own: cargo's features differ there.
+WITH_PYTHON := CARGO_TARGET_DIR=target/python PYO3_PYTHON=$(BIN)/python
+export PATH := $(PATH):$(HOME)/.cargo/bin
+
+.PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo      build, simulate light in a real MRI volume, write demo/*.png"
+	@echo "make test      every test and check, Rust and Python"
+	@echo "make bench     how fast it is, as ratios measured in one run"
+	@echo "make validate  the comparisons with analytic truth and independent codes, in words"
+	@echo "make fmt       format the Rust and Python sources"
+	@echo "make clean     remove what was built (.venv, target, demo)"
+	@echo "PYTHON=...     another Python (>= 3.11) than python3"
+
+demo: $(VENV)/.package $(VENV)/.demo
+	$(BIN)/python -m mcrt demo --output demo
+
+test: test-rust test-python
+
+test-rust: check-rust check-lint $(BIN)/python
+	cargo fmt --check
+	cargo clippy --all-targets -- -D warnings
+	$(WITH_PYTHON) cargo clippy --all-targets --features python -- -D warnings
+	cargo test --release
+
+test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/python -m mypy python/mcrt
+	$(BIN)/python -m mypy.stubtest mcrt._mcrt
+	$(BIN)/python -m pytest
+
+bench: $(VENV)/.package
+	$(BIN)/python benchmarks/bench.py
+
+validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
+	$(BIN)/python -m pytest -m validation -rA
+
+fmt: check-lint $(VENV)/.test
+	cargo fmt
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+clean:
+	rm -rf target $(VENV) demo python/mcrt/_mcrt*.so
+
+# Set-up
+
+check-rust:
+	@command -v cargo >/dev/null || { echo "Missing: cargo. Install Rust from https://rustup.rs"; exit 1; }
+	@command -v cc >/dev/null || { echo "Missing: a C linker (cc). Debian: apt-get install gcc libc6-dev"; exit 1; }
+
+check-lint: check-rust
+	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || \
+	  { echo "Missing: rustfmt or clippy. rustup component add rustfmt clippy"; exit 1; }
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Missing: Python >= 3.11. make PYTHON=/path/to/python3.11"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  { echo "Missing: Python's venv. Debian: apt-get install python3-venv"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+# What pyproject.toml names: $(call requirements,PATH TO THE LIST)
+requirements = $(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb")); \
+  print(*p$(1), sep="\n")'
+
+$(VENV)/.maturin: $(BIN)/python
+	$(call requirements,["build-system"]["requires"]) > $@.txt
+	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
+	touch $@
+
+$(VENV)/.package: $(VENV)/.maturin $(RUST) | check-rust
+	$(WITH_PYTHON) $(BIN)/maturin develop --release
+	touch $@
+
+$(VENV)/.test: pyproject.toml $(BIN)/python
+	$(call requirements,["project"]["optional-dependencies"]["test"]) > $@.txt
+	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
+	touch $@
+
+# Only a data file of nilearn is read: its dependencies are not needed.
+$(VENV)/.demo: pyproject.toml $(BIN)/python
+	$(call requirements,["project"]["optional-dependencies"]["demo"]) > $@.txt
+	$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps -r $@.txt
+	touch $@
+
+# Mitsuba's fast variants need LLVM (not 15 or 16).
+llvm:
+	@ls /usr/lib/*/libLLVM*19* /usr/lib/llvm-19/lib/libLLVM*.so* >/dev/null 2>&1 \
+	  || { command -v apt-get >/dev/null && $(SUDO) apt-get update -qq \
+	       && $(SUDO) apt-get install -qq -y --no-install-recommends libllvm19; } \
+	  || echo "Missing: libllvm19. The tests that need Mitsuba's LLVM variants will be skipped."

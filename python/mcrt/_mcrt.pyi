@@ -1,0 +1,50 @@
+"""The Rust core. Every call gets the scene again; nothing is kept between calls."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "check_camera",
+    "check_light",
+    "check_phase",
+    "default_lights",
+    "framing_camera",
+    "gather",
+    "info",
+    "phase_eval",
+    "phase_sample",
+    "plan",
+    "simulate",
+]
+
+def check_camera(spec: tuple[Any, ...]) -> None: ...
+def check_light(spec: tuple[Any, ...]) -> None: ...
+def check_phase(spec: tuple[Any, ...]) -> None: ...
+def default_lights(
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    origin: tuple[float, float, float],
+) -> list[tuple[Any, ...]]: ...
+def framing_camera(
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    origin: tuple[float, float, float],
+) -> tuple[Any, ...]: ...
+def gather(
+    scene: dict[str, Any],
+    volumes: dict[str, Any],
+    camera: tuple[Any, ...],
+    replicates: bool,
+) -> dict[str, NDArray[np.float32]]: ...
+def info() -> dict[str, Any]: ...
+def phase_eval(spec: tuple[Any, ...], cos_theta: NDArray[np.float64]) -> NDArray[np.float64]: ...
+def phase_sample(spec: tuple[Any, ...], n: int, seed: int) -> NDArray[np.float64]: ...
+def plan(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]: ...
+def simulate(
+    scene: dict[str, Any],
+    settings: dict[str, Any],
+    progress: Callable[[float, dict[str, Any]], bool | None] | None,
+) -> dict[str, Any]: ...

@@ -1,0 +1,145 @@
+"""The medium: a density array and what scatters in it."""
+
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ._arguments import (
+    Value,
+    choice,
+    describe,
+    first_index,
+    not_yet,
+    numeric,
+    positive,
+    rgb,
+    vector,
+    volume,
+    wrong,
+)
+from ._errors import SceneError
+from ._scene import Phase, as_phase
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Medium:
+    """A box of voxels that absorbs and scatters; vacuum outside.
+
+    sigma_t = extinction * density [1/length], sigma_s = albedo * sigma_t. Voxel (k, j, i) covers
+    origin + ((i..i+1) dx, (j..j+1) dy, (k..k+1) dz).
+
+    Parameters
+    ----------
+    density : array (nz, ny, nx)
+        Real numbers of any dtype and memory layout, not negative; integers are used as they are
+        (255 means 255). One float32 copy is made.
+    spacing : float or (dz, dy, dx)
+        Size of a voxel, in the order of the array's axes.
+    origin : (x, y, z)
+        Lower corner of the box.
+    interpolation : "linear" or "nearest"
+        Samples at voxel centres, clamped at the border; or constant in each voxel.
+    extinction : float or RGB
+        Extinction coefficient at density 1 [1/length].
+    albedo : float, RGB, or array (nz, ny, nx)
+        Single-scattering albedo, 0 to 1. Three numbers are RGB; only 3-D arrays are per voxel.
+    phase : phase function, optional
+        `Isotropic()` if None.
+    emission : None
+        Not yet available.
+
+    Raises
+    ------
+    SceneError
+        If an argument is not of these types and shapes.
+    VolumeTooLargeError
+        If there is no memory for the copy.
+    """
+
+    density: np.ndarray
+    _: KW_ONLY
+    spacing: float | tuple[float, float, float] = 1.0
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    interpolation: str = "linear"
+    extinction: Value = 1.0
+    albedo: Value | np.ndarray = 0.9
+    phase: Phase | None = None
+    emission: None = None
+
+    def __post_init__(self) -> None:
+        if self.emission is not None:
+            raise not_yet("emission")
+        density = volume("density", self.density)
+        normalised = {
+            "density": density,
+            "spacing": _spacing(self.spacing),
+            "origin": vector("origin", self.origin),
+            "interpolation": choice("interpolation", self.interpolation, ("nearest", "linear")),
+            "extinction": rgb("extinction", self.extinction),
+            "albedo": _albedo(self.albedo, density.shape),
+            "phase": as_phase(self.phase),
+        }
+        for name, value in normalised.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_opacity(cls, alpha: ArrayLike, step: float, **arguments: Any) -> "Medium":
+        """A medium whose voxels let 1 - alpha of the light through per step.
+
+        alpha = 1 - exp(-sigma_t step), hence sigma_t = -log(1 - alpha) / step.
+
+        Parameters
+        ----------
+        alpha : array (nz, ny, nx)
+            Opacity per step, 0 <= alpha < 1 (as in volume rendering).
+        step : float
+            Length that the opacity is meant for, often the size of a voxel.
+        **arguments
+            As for `Medium`; the extinction stays 1.
+
+        Raises
+        ------
+        SceneError
+            If an alpha is outside [0, 1) (its index is given), or `extinction` is given.
+        """
+        if "extinction" in arguments:
+            raise SceneError("extinction must not be given: the opacity and the step determine it")
+        step = positive("step", step)
+        expected = "a 3-D array (nz, ny, nx) of opacities in [0, 1)"
+        array = numeric("alpha", alpha, expected).astype(np.float64)
+        outside = ~((array >= 0.0) & (array < 1.0))
+        if outside.any():
+            where = first_index(outside)
+            raise SceneError(
+                f"alpha must be {expected}; {np.count_nonzero(outside)} values of "
+                f"{describe(array)} are not, the first is {array[where]} at index {where}"
+            )
+        return cls(np.abs(np.log1p(-array)) / step, **arguments)
+
+    def __repr__(self) -> str:
+        return (
+            f"<mcrt.Medium {' x '.join(map(str, self.density.shape))} voxels (z, y, x), "
+            f"{self.interpolation}, {self.phase}>"
+        )
+
+
+def _spacing(value: Any) -> tuple[float, float, float]:
+    """A number or (dz, dy, dx) as (dz, dy, dx)."""
+    expected = "a number or 3 numbers (dz, dy, dx)"
+    array = numeric("spacing", value, expected)
+    if array.shape not in ((), (3,)):
+        raise wrong("spacing", expected, value)
+    return vector("spacing", np.broadcast_to(array, 3))
+
+
+def _albedo(value: Any, shape: tuple[int, ...]) -> Value | np.ndarray:
+    """A number, RGB, or an array with one albedo per voxel."""
+    expected = f"a number, 3 numbers (RGB), or an array of the density's shape {shape}"
+    array = numeric("albedo", value, expected)
+    if array.ndim == 3 and array.shape == shape:
+        return volume("albedo", array)
+    if array.shape in ((), (3,)):
+        return rgb("albedo", array)
+    raise wrong("albedo", expected, value)

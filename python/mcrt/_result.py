@@ -1,0 +1,328 @@
+"""The result of a run: arrays, errors, images from any camera, energy, statistics."""
+
+from functools import cached_property
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from . import _mcrt, display, io
+from ._arguments import wrong
+from ._errors import SceneError
+from ._merge import merge
+from ._records import Energy, Plan, Record, energy
+from ._scene import Camera, as_camera, camera_from_spec
+
+CACHED_CAMERAS = 16
+ORDERS = {0: "background", 1: "order1", "2+": "order2"}
+
+
+class Result:
+    """What `simulate` returns.
+
+    Voxel arrays have the shape (nz, ny, nx), or (nz, ny, nx, 3) where the scene is RGB, dtype
+    float32, and are read-only views: copy one to change it. Images have the shape (height, width)
+    or (height, width, 3), dtype float32; each call returns a new array that is the caller's.
+
+    Attributes
+    ----------
+    plan : Plan
+        What ran, and why.
+    energy : Energy
+        The energy balance.
+    warnings : list of str
+    camera : Camera
+        The camera of the run; if none was given, the one that frames the volume.
+
+    Notes
+    -----
+    Standard errors come from independent batches of photons. Those of an image come from K
+    sub-volumes, so that (image - truth) / error follows Student's t with
+    `stats.degrees_of_freedom`; pixels share photons, hence their errors are correlated. The
+    methods `single` and deterministic parts (order 0 and 1 of points and directions) have none.
+    """
+
+    def __init__(
+        self,
+        scene: dict[str, Any],
+        settings: dict[str, Any],
+        data: dict[str, Any],
+        seeds: tuple[int, ...] | None = None,
+    ) -> None:
+        self._scene, self._settings, self._data = scene, settings, data
+        self._seeds = seeds or (settings["seed"],)
+        self._layers: dict[tuple[Any, ...], dict[str, np.ndarray]] = {}
+        self.plan = Plan(data["plan"])
+        self.energy: Energy = energy(data["energy"])
+        self.warnings: list[str] = list(data["warnings"])
+        self.camera: Camera = camera_from_spec(scene["camera"])
+
+    # Voxels
+
+    @property
+    def fluence(self) -> np.ndarray:
+        """Fluence rate Phi = integral of L over directions [W/length^2], mean over each voxel."""
+        return self._voxels("fluence")
+
+    @property
+    def fluence_error(self) -> np.ndarray:
+        """Standard error of `fluence` [W/length^2]."""
+        return self._voxels("fluence", "_error")
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """Radiance that each voxel reflects towards the eye [W/(sr length^2)].
+
+        albedo * integral of p(w . w') L(w') dw' over directions w', w towards the eye.
+        """
+        return self._voxels("radiance")
+
+    @property
+    def radiance_error(self) -> np.ndarray:
+        """Standard error of `radiance` [W/(sr length^2)]."""
+        return self._voxels("radiance", "_error")
+
+    @property
+    def absorbed(self) -> np.ndarray:
+        """Absorbed power density sigma_a Phi [W/length^3]; computed at each access."""
+        return self._sigma_a() * self.fluence
+
+    @property
+    def absorbed_error(self) -> np.ndarray:
+        """Standard error of `absorbed` [W/length^3]; computed at each access."""
+        return self._sigma_a() * self.fluence_error
+
+    # Images
+
+    def image(self, camera: Camera | None = None, order: int | str | None = None) -> np.ndarray:
+        """Radiance of each pixel [W/(sr length^2)], mean over its area.
+
+        Parameters
+        ----------
+        camera : Camera, optional
+            Any camera, outside or inside the volume; None takes that of the run.
+        order : optional
+            None: all light that was scattered (orders 1 and up); 0: the background seen through
+            the medium; 1: light scattered once; "2+": light scattered twice or more.
+
+        Raises
+        ------
+        SceneError
+            If the result holds no image or not this order, or if the phase function is not
+            isotropic and the eye is another than that of the run.
+        """
+        known = isinstance(order, int | str) and not isinstance(order, bool) and order in ORDERS
+        if order is not None and not known:
+            raise wrong("order", 'None, 0, 1 or "2+"', order)
+        if order == "2+" and self.plan.method == "single":
+            raise SceneError('method "single" holds no orders above 1; use method="photon"')
+        layers = self._gather(camera)
+        if order is None:
+            return layers["order1"] + layers["order2"]
+        return layers[ORDERS[order]].copy()
+
+    def image_error(self, camera: Camera | None = None) -> np.ndarray:
+        """Standard error of `image(camera)` [W/(sr length^2)]; see the notes of the class."""
+        self._need_errors()
+        return self._found(self._gather(camera, replicates=True), "error").copy()
+
+    def alpha(self, camera: Camera | None = None) -> np.ndarray:
+        """Opacity of each pixel, 1 - transmittance: 0 where the background is seen unweakened."""
+        return 1.0 - self._gather(camera)["transmittance"]
+
+    # Statistics
+
+    @cached_property
+    def stats(self) -> Record:
+        """Photons, collisions, seconds by stage, photons/s, relative errors, figure of merit.
+
+        `median_relative_error`, `relative_error_95` (95 % of them are smaller) and
+        `relative_error` (R, root mean square error / mean value) are those of the pixels where a
+        camera was given, else of the voxels' fluence, above 5 % of the maximum, the worst channel;
+        `figure_of_merit` is 1 / (R^2 T) with T the run's seconds. None where there are no errors.
+        """
+        stats = Record(self._data["stats"])
+        seconds = sum(stats.seconds.values())
+        stats["photons_per_second"] = stats.photons / seconds if seconds > 0.0 else 0.0
+        median, upper, rms = self._relative_errors()
+        stats["median_relative_error"] = median
+        stats["relative_error_95"] = upper
+        stats["relative_error"] = rms
+        stats["figure_of_merit"] = 1.0 / (rms**2 * seconds) if rms and seconds else None
+        return stats
+
+    def _relative_errors(self) -> tuple[float | None, float | None, float | None]:
+        """Median, 95 % quantile and RMS of the relative errors."""
+        outputs = self._settings["outputs"]
+        if not self._settings["errors"] or self.plan.method == "single":
+            return None, None, None
+        if "image" in outputs and not (self._settings["over_voxels"] and "fluence" in outputs):
+            return relative_errors(self.image(), self.image_error(), self.plan.channels)
+        name = "fluence" if "fluence" in outputs else "radiance"
+        return relative_errors(self._voxels(name), self._voxels(name, "_error"), self.plan.channels)
+
+    # Files and displays
+
+    def __add__(self, other: "Result") -> "Result":
+        """Merge independent runs of the same scene (other seed) as if they had been one.
+
+        Raises
+        ------
+        SceneError
+            If scene, settings or outputs differ, or a seed is the same.
+        """
+        if not isinstance(other, Result):
+            return NotImplemented
+        data = merge(self, other)
+        return Result(self._scene, self._settings, data, self._seeds + other._seeds)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write everything to a NumPy archive (npz), the scene included; `load` reads it."""
+        io.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "Result":
+        """Read a result that `save` wrote; it makes images from other cameras as before.
+
+        Raises
+        ------
+        SceneError
+            If the file is not such an archive.
+        """
+        return cls(*io.load(path))
+
+    def save_exr(self, path: str | PathLike[str], camera: Camera | None = None) -> None:
+        """Write an OpenEXR image, float32: RGBA and the layers total, order0, order1, order2plus.
+
+        RGBA is the total (orders 1 and up) with `alpha`. Needs the package OpenEXR.
+        """
+        io.save_exr(self, path, camera)
+
+    def save_png(self, path: str | PathLike[str], camera: Camera | None = None) -> None:
+        """Write the tone-mapped image as an 8-bit PNG."""
+        with open(path, "wb") as file:
+            file.write(display.picture(self, camera))
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` of the voxel arrays, at the voxel centres, and of the image."""
+        return io.to_xarray(self)
+
+    def plot_image(
+        self, camera: Camera | None = None, order: int | str | None = None, ax: Any = None
+    ) -> Any:
+        """Draw the image with matplotlib, with a colour bar where it is grey; returns the axes."""
+        return display.plot_image(self, camera, order, ax)
+
+    def plot_slice(
+        self,
+        quantity: str = "fluence",
+        axis: str = "z",
+        index: int | None = None,
+        log: bool = False,
+        ax: Any = None,
+    ) -> Any:
+        """Draw a slice of a voxel array with matplotlib; returns the axes.
+
+        Parameters
+        ----------
+        quantity : str
+            "fluence", "radiance", "absorbed", or one of these with "_error".
+        axis : "x", "y" or "z"
+            The axis that the slice is perpendicular to.
+        index : int, optional
+            Index along it; None takes the middle.
+        log : bool
+            Logarithmic colours.
+        """
+        return display.plot_slice(self, quantity, axis, index, log, ax)
+
+    def show(self, camera: Camera | None = None) -> None:
+        """Show the image in a matplotlib window, or in the notebook."""
+        display.show(self, camera)
+
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self._scene["density"].shape))
+        photons = self._data["stats"]["photons"]
+        return f"<mcrt.Result {self.plan.method}, {shape} voxels (z, y, x), {photons:.3g} photons>"
+
+    def __str__(self) -> str:
+        rows = display.summary(self)
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:<{width}}  {text}" for name, text in rows)
+
+    def _repr_html_(self) -> str:
+        return display.html(self)
+
+    # What the above is made of
+
+    def _voxels(self, name: str, suffix: str = "") -> np.ndarray:
+        outputs = self._settings["outputs"]
+        if name not in outputs:
+            raise missing(name, outputs)
+        if suffix:
+            self._need_errors()
+        view = self._found(self._data, name + suffix).view()
+        view.flags.writeable = False
+        return view
+
+    def _found(self, arrays: dict[str, Any], name: str) -> np.ndarray:
+        if arrays.get(name) is None:
+            raise SceneError(f'method "{self.plan.method}" gives no {name}; use method="photon"')
+        return arrays[name]
+
+    def _need_errors(self) -> None:
+        if not self._settings["errors"]:
+            raise SceneError("the run kept no errors; use errors=True")
+
+    def _sigma_a(self) -> np.ndarray:
+        """Absorption coefficient of each voxel [1/length], float32, with a channel axis if RGB."""
+        albedo = self._scene["albedo"]
+        per_voxel = isinstance(albedo, np.ndarray)
+        coalbedo = 1.0 - (albedo[..., np.newaxis] if per_voxel else np.array(albedo, np.float32))
+        extinction = np.array(self._scene["extinction"], np.float32)
+        sigma_a = coalbedo * extinction * self._scene["density"][..., np.newaxis]
+        return sigma_a if self.plan.channels == 3 else sigma_a[..., 0]
+
+    def _gather(self, camera: Camera | None, replicates: bool = False) -> dict[str, np.ndarray]:
+        """The layers that a camera sees; those of the last cameras are kept."""
+        if "image" not in self._settings["outputs"]:
+            raise missing("image", self._settings["outputs"])
+        spec = (self.camera if camera is None else as_camera(camera))._spec()
+        layers = self._layers.get(spec)
+        if layers is None or (replicates and "error" not in layers):
+            layers = _mcrt.gather(self._scene, self._volumes(), spec, replicates)
+            self._layers.pop(spec, None)
+            if len(self._layers) >= CACHED_CAMERAS:
+                del self._layers[next(iter(self._layers))]
+            self._layers[spec] = layers
+        return layers
+
+    def _volumes(self) -> dict[str, Any]:
+        """What a gather reads."""
+        names = ("source", "source0", "subvolumes", "columns")
+        return {
+            **{name: self._data.get(name) for name in names},
+            "max_scatterings": self._settings["max_scatterings"],
+            "threads": self._settings["threads"],
+            "eye": self._scene["camera"],
+        }
+
+
+def missing(name: str, outputs: tuple[str, ...]) -> SceneError:
+    """The error for an output that was not asked for."""
+    wanted = ", ".join(f'"{output}"' for output in (*outputs, name))
+    return SceneError(f"the result holds no {name}; ask for it with outputs=({wanted})")
+
+
+def relative_errors(
+    value: np.ndarray, error: np.ndarray, channels: int
+) -> tuple[float, float, float]:
+    """Median, 95 % quantile, RMS of error / value above 5 % of the maximum, worst channel."""
+    worst = np.zeros(3)
+    for v, e in zip(value.reshape(-1, channels).T, error.reshape(-1, channels).T, strict=True):
+        bright = v > 0.05 * v.max()
+        if bright.any():
+            v, e = v[bright].astype(np.float64), e[bright].astype(np.float64)
+            median, upper = np.quantile(e / v, (0.5, 0.95))
+            worst = np.maximum(worst, (median, upper, np.sqrt(np.mean(e**2)) / np.mean(v)))
+    return float(worst[0]), float(worst[1]), float(worst[2])

@@ -1,0 +1,332 @@
+"""Phase functions, lights and cameras: frozen records, validated where they are made.
+
+Points and directions are world (x, y, z). A value per channel is a number, or three for RGB.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _mcrt
+from ._arguments import Value, channels, integer, not_yet, number, numeric, rgb, vector, wrong
+from ._errors import SceneError
+
+Spec = tuple[Any, ...]
+
+
+def _set(record: object, **fields: object) -> None:
+    for name, value in fields.items():
+        object.__setattr__(record, name, value)
+
+
+class Phase:
+    """A phase function p(cos_theta) [1/sr], whose integral over the sphere of directions is 1."""
+
+    def _spec(self) -> Spec:
+        raise NotImplementedError
+
+    def evaluate(self, cos_theta: ArrayLike) -> np.ndarray:
+        """Value of the phase function [1/sr], float64, of the shape of `cos_theta` in [-1, 1]."""
+        cosines = numeric("cos_theta", cos_theta, "numbers").astype(np.float64)
+        return _mcrt.phase_eval(self._spec(), cosines.ravel()).reshape(cosines.shape)
+
+    def sample(self, n: int, seed: int = 0) -> np.ndarray:
+        """`n` cosines of scattering angles drawn from the phase function, float64, shape (n,)."""
+        n = integer("n", n, 0, 10**9)
+        return _mcrt.phase_sample(self._spec(), n, integer("seed", seed, 0, 2**64 - 1))
+
+
+@dataclass(frozen=True)
+class Isotropic(Phase):
+    """Equal scattering into all directions: p = 1 / (4 pi) [1/sr]."""
+
+    def _spec(self) -> Spec:
+        return ("isotropic",)
+
+
+@dataclass(frozen=True)
+class Rayleigh(Phase):
+    """Particles much smaller than the wavelength: p = 3 (1 + cos_theta^2) / (16 pi) [1/sr]."""
+
+    def _spec(self) -> Spec:
+        return ("rayleigh",)
+
+
+@dataclass(frozen=True)
+class HenyeyGreenstein(Phase):
+    """The phase function of Henyey and Greenstein (1941), whose mean cosine is g.
+
+    p = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos_theta)^(3/2)) [1/sr]
+
+    Parameters
+    ----------
+    g : float
+        Mean cosine, -1 < g < 1; g > 0 scatters forward.
+
+    Raises
+    ------
+    SceneError
+        If |g| >= 1.
+    """
+
+    g: float
+
+    def __post_init__(self) -> None:
+        _set(self, g=number("g", self.g))
+        _mcrt.check_phase(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("hg", self.g)
+
+
+@dataclass(frozen=True)
+class TabulatedPhase(Phase):
+    """A phase function given as a table, linear between its points and normalised to 1.
+
+    Parameters
+    ----------
+    cos_theta : sequence of float, shape (n,)
+        Increasing cosines from -1 to 1, n >= 2.
+    values : sequence of float, shape (n,)
+        Values at these cosines, not negative, in any unit.
+
+    Raises
+    ------
+    SceneError
+        If the table is too short, not increasing, negative, or zero everywhere.
+    """
+
+    cos_theta: Sequence[float]
+    values: Sequence[float]
+
+    def __post_init__(self) -> None:
+        for name in ("cos_theta", "values"):
+            given = getattr(self, name)
+            array = numeric(name, given, "a 1-D sequence of numbers")
+            if array.ndim != 1:
+                raise wrong(name, "a 1-D sequence of numbers", given)
+            _set(self, **{name: tuple(float(v) for v in array)})
+        _mcrt.check_phase(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("tabulated", self.cos_theta, self.values)
+
+
+class Light:
+    """A source of light."""
+
+    def _spec(self) -> Spec:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class PointLight(Light):
+    """A point that shines equally into all directions, outside the medium or inside.
+
+    Parameters
+    ----------
+    position : (x, y, z)
+    intensity : float or RGB
+        Radiant intensity [W/sr]; the light emits 4 pi times as much [W].
+    """
+
+    position: tuple[float, float, float]
+    intensity: Value = 1.0
+
+    def __post_init__(self) -> None:
+        _set(self, position=vector("position", self.position))
+        _set(self, intensity=rgb("intensity", self.intensity))
+        _mcrt.check_light(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("point", self.position, channels(self.intensity))
+
+
+@dataclass(frozen=True)
+class PencilBeam(Light):
+    """An infinitely thin beam.
+
+    Parameters
+    ----------
+    position : (x, y, z)
+        Where the beam starts.
+    direction : (x, y, z)
+        Where it goes; need not be normalised.
+    power : float or RGB
+        Radiant power [W].
+    """
+
+    position: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    power: Value = 1.0
+
+    def __post_init__(self) -> None:
+        _set(self, position=vector("position", self.position))
+        _set(self, direction=vector("direction", self.direction))
+        _set(self, power=rgb("power", self.power))
+        _mcrt.check_light(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("pencil", self.position, self.direction, channels(self.power))
+
+
+@dataclass(frozen=True)
+class DirectionalLight(Light):
+    """Parallel light from far away, like the sun's.
+
+    Parameters
+    ----------
+    direction : (x, y, z)
+        Where the light travels (not where it comes from); need not be normalised.
+    irradiance : float or RGB
+        Power per area on a plane perpendicular to the direction [W/length^2].
+    """
+
+    direction: tuple[float, float, float]
+    irradiance: Value = 1.0
+
+    def __post_init__(self) -> None:
+        _set(self, direction=vector("direction", self.direction))
+        _set(self, irradiance=rgb("irradiance", self.irradiance))
+        _mcrt.check_light(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("directional", self.direction, channels(self.irradiance))
+
+
+@dataclass(frozen=True)
+class EnvironmentLight(Light):
+    """The same radiance from every direction, like that of an overcast sky.
+
+    Parameters
+    ----------
+    radiance : float or RGB
+        Radiance [W/(sr length^2)]. Maps (2-D or 3-D arrays) are not yet available.
+    """
+
+    radiance: Value = 1.0
+
+    def __post_init__(self) -> None:
+        if np.ndim(numeric("radiance", self.radiance, "a number or 3 numbers (RGB)")) >= 2:
+            raise not_yet("EnvironmentLight with a map of radiance")
+        _set(self, radiance=rgb("radiance", self.radiance))
+        _mcrt.check_light(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("environment", channels(self.radiance))
+
+
+class Camera:
+    """What maps directions to pixels; images are (height, width[, 3]) and row 0 is the top."""
+
+    def _spec(self) -> Spec:
+        raise NotImplementedError
+
+
+def _resolution(value: Any) -> tuple[int, int]:
+    """A pair (width, height) of pixel counts."""
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or len(value) != 2:
+        raise wrong("resolution", "a pair (width, height) of integers", value)
+    return integer("width", value[0], 1, 65536), integer("height", value[1], 1, 65536)
+
+
+@dataclass(frozen=True)
+class PerspectiveCamera(Camera):
+    """A pinhole camera.
+
+    Parameters
+    ----------
+    origin, target : (x, y, z)
+        The eye, and the point that is seen in the middle of the image.
+    up : (x, y, z)
+        Direction that points up in the image; where the view is parallel to it, another is taken.
+    fov : float
+        Field of view along x, in degrees, 0 < fov < 180.
+    resolution : (width, height)
+    """
+
+    origin: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    fov: float = 40.0
+    resolution: tuple[int, int] = (600, 600)
+
+    def __post_init__(self) -> None:
+        for name in ("origin", "target", "up"):
+            _set(self, **{name: vector(name, getattr(self, name))})
+        _set(self, fov=number("fov", self.fov), resolution=_resolution(self.resolution))
+        _mcrt.check_camera(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("perspective", self.origin, self.target, self.up, self.fov, self.resolution)
+
+
+@dataclass(frozen=True)
+class OrthographicCamera(Camera):
+    """A camera with parallel rays.
+
+    Parameters
+    ----------
+    origin, target : (x, y, z)
+        The middle of the image plane, and the point that is seen in the middle of the image.
+    up : (x, y, z)
+        Direction that points up in the image; where the view is parallel to it, another is taken.
+    width : float
+        Width of the image plane [length]; the height follows from the resolution.
+    resolution : (width, height)
+    """
+
+    origin: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    width: float = 1.0
+    resolution: tuple[int, int] = (600, 600)
+
+    def __post_init__(self) -> None:
+        for name in ("origin", "target", "up"):
+            _set(self, **{name: vector(name, getattr(self, name))})
+        _set(self, width=number("width", self.width), resolution=_resolution(self.resolution))
+        _mcrt.check_camera(self._spec())
+
+    def _spec(self) -> Spec:
+        return ("orthographic", self.origin, self.target, self.up, self.width, self.resolution)
+
+
+def as_phase(phase: Any) -> Phase:
+    """A phase function; None is isotropic."""
+    if phase is None:
+        return Isotropic()
+    if not isinstance(phase, Phase):
+        raise wrong("phase", "Isotropic, Rayleigh, HenyeyGreenstein or TabulatedPhase", phase)
+    return phase
+
+
+def as_lights(light: Any) -> list[Light]:
+    """A light or a sequence of lights as a list."""
+    expected = "PointLight, PencilBeam, DirectionalLight, EnvironmentLight, or a sequence of them"
+    if isinstance(light, Light):
+        return [light]
+    if not isinstance(light, Sequence) or isinstance(light, str):
+        raise wrong("light", expected, light)
+    if not light:
+        raise SceneError("light must not be an empty sequence; None takes the default light")
+    for i, one in enumerate(light):
+        if not isinstance(one, Light):
+            raise wrong(f"light[{i}]", expected, one)
+    return list(light)
+
+
+def as_camera(camera: Any) -> Camera:
+    """A camera, or the error that says what one is."""
+    if not isinstance(camera, Camera):
+        raise wrong("camera", "PerspectiveCamera or OrthographicCamera", camera)
+    return camera
+
+
+def camera_from_spec(spec: Spec) -> Camera:
+    """The camera that a spec of the Rust core describes."""
+    kind, *fields = spec
+    return {"perspective": PerspectiveCamera, "orthographic": OrthographicCamera}[kind](*fields)

@@ -1,0 +1,216 @@
+"""`simulate` and `plan`: one signature, turned into the scene and the settings of the Rust core."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _mcrt
+from ._arguments import channels, choice, flag, integer, not_yet, positive, wrong
+from ._errors import SceneError
+from ._medium import Medium
+from ._progress import reporting
+from ._records import Plan
+from ._result import Result
+from ._scene import Camera, Light, Phase, as_camera, as_lights, as_phase
+
+OUTPUTS = ("fluence", "radiance", "image")
+MEDIUM = ("spacing", "origin", "interpolation", "extinction", "albedo", "phase", "emission")
+
+
+def simulate(
+    volume: ArrayLike | Medium,
+    *,
+    spacing: ArrayLike | None = None,
+    origin: ArrayLike | None = None,
+    interpolation: str | None = None,
+    extinction: ArrayLike | None = None,
+    albedo: ArrayLike | None = None,
+    phase: Phase | None = None,
+    emission: None = None,
+    light: Light | Sequence[Light] | None = None,
+    camera: Camera | None = None,
+    detector: None = None,
+    photons: float | None = None,
+    spp: None = None,
+    target_error: float | None = None,
+    time_limit: float | None = None,
+    max_scatterings: int | None = None,
+    method: str = "auto",
+    tracker: str = "auto",
+    angular: str = "auto",
+    backend: str = "auto",
+    seed: int = 0,
+    threads: int | None = None,
+    errors: bool = True,
+    outputs: Sequence[str] | None = None,
+    photoelectric: bool = False,
+    force: bool = False,
+    progress: bool | Callable[[float, dict[str, Any]], bool | None] | None = None,
+) -> Result:
+    """Transport light through a volume: voxel arrays and images, with standard errors.
+
+    Parameters
+    ----------
+    volume : array (nz, ny, nx) or Medium
+        The density, or a medium that holds it; what the medium holds must not be given again.
+    spacing, origin, interpolation, extinction, albedo, phase
+        As for `Medium`, with its defaults: 1.0, (0, 0, 0), "linear", 1.0, 0.9, `Isotropic()`.
+    light : light or sequence of lights, optional
+        They add up. None lights the volume from beside the camera that frames it.
+    camera : PerspectiveCamera or OrthographicCamera, optional
+        None frames the volume, and `target_error` is then meant for voxels, not for pixels.
+    photons : int, optional
+        Number of photons, 1 to 1e15; `1e7` is fine.
+    target_error : float, optional
+        Stop at this relative error: sqrt(mean(stderr^2 + estimated bias^2)) / mean(value), the
+        worst channel, over the pixels (or voxels) above 5 % of the maximum. 0.02 where neither
+        `photons`, `target_error` nor `time_limit` is given.
+    time_limit : float, optional
+        Stop after this many seconds (such a result depends on the machine's speed).
+    max_scatterings : int, optional
+        n: images and radiance hold orders 1..n, fluence and absorbed 0..n. None: all orders.
+    method : "auto", "single" or "photon"
+        "single" is deterministic and holds order 1 only; its fluence is that of order 0.
+    tracker : "auto", "woodcock", "march" or "analytic"
+        How free flights are sampled; "analytic" needs a homogeneous medium.
+    backend : "auto" or "cpu"
+    seed : int
+        0 to 2^64 - 1. The same seed gives the same bits, whatever `threads` is.
+    threads : int, optional
+        None takes all cores.
+    errors : bool
+        False spares the memory of the standard errors.
+    outputs : sequence of "fluence", "radiance", "image", optional
+        What the result shall hold; None: all of them.
+    force : bool
+        Run even if the estimated memory is more than there is.
+    progress : bool or callable, optional
+        None: a tqdm bar where tqdm is installed and somebody watches. A function is called with
+        (fraction done, info) and stops the run by returning False.
+    emission, detector, spp, angular, photoelectric
+        Not yet available.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    SceneError
+        If an argument is not allowed: the message says what was given, what is allowed, and where.
+    VolumeTooLargeError
+        If the run needs more memory than there is.
+
+    Notes
+    -----
+    Solves the stationary radiative transfer equation
+    (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' for the radiance L.
+    """
+    scene, settings, progress = _parse(locals())
+    with reporting(progress) as report:
+        return Result(scene, settings, _mcrt.simulate(scene, settings, report))
+
+
+def plan(volume: ArrayLike | Medium, **arguments: Any) -> Plan:
+    """What `simulate` would run with the same arguments, why, and at what cost; runs nothing.
+
+    Returns
+    -------
+    Plan
+        Prints like a database's EXPLAIN; its entries are attributes too.
+
+    Raises
+    ------
+    SceneError
+        As `simulate`.
+    """
+    call = inspect.signature(simulate).bind(volume, **arguments)
+    call.apply_defaults()
+    scene, settings, _ = _parse(dict(call.arguments))
+    return Plan(_mcrt.plan(scene, settings))
+
+
+def _parse(arguments: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], Any]:
+    """The arguments of `simulate` as scene, settings, and `progress`."""
+    settings = _settings(arguments)
+    return _scene(arguments), settings, arguments["progress"]
+
+
+def _medium(arguments: dict[str, Any]) -> Medium:
+    """The medium, given whole or by its arguments; the same thing twice is an error."""
+    volume = arguments["volume"]
+    given = {name: arguments[name] for name in MEDIUM if arguments[name] is not None}
+    if not isinstance(volume, Medium):
+        return Medium(volume, **given)
+    if given:
+        raise SceneError(f"{', '.join(given)} given both in the Medium and beside it; drop one")
+    return volume
+
+
+def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
+    """The scene that the Rust core takes; it checks the values."""
+    medium = _medium(arguments)
+    box: tuple[Any, Any, Any] = (medium.density.shape, medium.spacing, medium.origin)
+    camera, light, albedo = arguments["camera"], arguments["light"], medium.albedo
+    return {
+        "density": medium.density,
+        "spacing": medium.spacing,
+        "origin": medium.origin,
+        "linear": medium.interpolation == "linear",
+        "extinction": channels(medium.extinction),
+        "albedo": albedo if isinstance(albedo, np.ndarray) else channels(albedo),
+        "phase": as_phase(medium.phase)._spec(),
+        "lights": tuple(
+            _mcrt.default_lights(*box)
+            if light is None
+            else [one._spec() for one in as_lights(light)]
+        ),
+        "camera": _mcrt.framing_camera(*box) if camera is None else as_camera(camera)._spec(),
+    }
+
+
+def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
+    """How to run: everything but the scene."""
+    for name in ("detector", "spp"):
+        if arguments[name] is not None:
+            raise not_yet(name)
+    if flag("photoelectric", arguments["photoelectric"]):
+        raise not_yet("photoelectric")
+    choice("angular", arguments["angular"], ("auto",), later=("sh",))
+    choice("backend", arguments["backend"], ("auto", "cpu"), later=("gpu",))
+
+    def optional(name: str, parse: Callable[..., Any], *limits: int) -> Any:
+        value = arguments[name]
+        return None if value is None else parse(name, value, *limits)
+
+    return {
+        "method": choice("method", arguments["method"], ("auto", "single", "photon"), ("path",)),
+        "tracker": choice(
+            "tracker", arguments["tracker"], ("auto", "woodcock", "march", "analytic")
+        ),
+        "photons": optional("photons", integer, 1, 10**15),
+        "target_error": optional("target_error", positive),
+        "time_limit": optional("time_limit", positive),
+        "max_scatterings": optional("max_scatterings", integer, 0, 2**31 - 1),
+        "seed": integer("seed", arguments["seed"], 0, 2**64 - 1),
+        "threads": optional("threads", integer, 1, 1024),
+        "errors": flag("errors", arguments["errors"]),
+        "outputs": _outputs(arguments["outputs"]),
+        "force": flag("force", arguments["force"]),
+        "over_voxels": arguments["camera"] is None,
+    }
+
+
+def _outputs(value: Any) -> tuple[str, ...]:
+    """The names of the outputs, each once, in their own order."""
+    if value is None:
+        return OUTPUTS
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, Sequence) or not names:
+        raise wrong("outputs", f"a sequence of {', '.join(OUTPUTS)}", value)
+    for name in names:
+        choice("outputs", name, OUTPUTS)
+    return tuple(name for name in OUTPUTS if name in names)

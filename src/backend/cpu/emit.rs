@@ -1,0 +1,278 @@
+//! Where photons start: at a light, or at their first collision.
+
+use super::field::{Field, V3};
+use super::light::{Illumination, beam_entry};
+use super::track::enter;
+use crate::physics::flight::box_solid_angle;
+use crate::physics::frame::rotate;
+use crate::physics::rng::{Draws, uniform64};
+use crate::plan::{Direct, Emission, LightPlan};
+use crate::scene::{Light, Scene};
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// A photon at its start.
+#[derive(Debug, Clone, Copy)]
+pub enum Start {
+    /// It does not meet the box.
+    Miss,
+    /// It enters the box (or starts within) and flies.
+    Flight {
+        /// Voxel coordinates.
+        p: V3,
+        /// Unit direction.
+        direction: V3,
+    },
+    /// It is at its first collision, with weights by channel.
+    Collision {
+        /// Voxel coordinates.
+        p: V3,
+        /// Unit direction before the collision.
+        direction: V3,
+        /// Weight relative to the emitter's photon.
+        weight: [f32; 3],
+    },
+}
+
+/// How an emitter places its photons.
+enum Kind<'a> {
+    Point { position: [f64; 3], axis: [f64; 3], cap: f64 },
+    Pencil { p: V3 },
+    Directional { direction: [f64; 3], faces: [f64; 3] },
+    Environment { faces: [f64; 3] },
+    FirstCollision { light: Illumination<'a>, power: Vec<f32>, rows: Vec<f64>, extinction: [f32; 3], volume: f32 },
+}
+
+/// A light as the walk sees it.
+pub struct Emitter<'a> {
+    kind: Kind<'a>,
+    /// The power of all its photons [W], the largest channel's.
+    pub power: f64,
+    /// Each channel's value over the largest.
+    pub colour: [f32; 3],
+    /// Whether its order 0 is tallied.
+    pub tallies_unscattered: bool,
+    n: [i32; 3],
+    h: [f64; 3],
+}
+
+impl<'a> Emitter<'a> {
+    /// The emitter of a light, `None` where it shoots nothing or misses the box altogether.
+    pub fn new(scene: &Scene<'a>, light: &Light, plan: &LightPlan, view: Option<&Illumination<'a>>) -> Option<Self> {
+        let volume = &scene.medium.volume;
+        let (size, h) = (volume.size(), volume.spacing());
+        let top = light.value().max();
+        if plan.emission == Emission::Nothing || top == 0.0 {
+            return None;
+        }
+        let areas = [size[1] * size[2], size[2] * size[0], size[0] * size[1]];
+        let (kind, power) = match (plan.emission, light) {
+            (Emission::FirstCollision, _) => first_collisions(scene, view?)?,
+            (_, Light::Point { position, .. }) => {
+                let (axis, cap) = cone(volume.local(*position), size);
+                (Kind::Point { position: volume.local(*position), axis, cap }, 2.0 * PI * cap * top)
+            }
+            (_, Light::Pencil { position, direction, .. }) => {
+                let (p, _, _) = beam_entry(scene, *position, *direction)?;
+                (Kind::Pencil { p }, top)
+            }
+            (_, Light::Directional { direction, .. }) => {
+                let faces: [f64; 3] = std::array::from_fn(|a| direction[a].abs() * areas[a]);
+                (Kind::Directional { direction: *direction, faces }, faces.iter().sum::<f64>() * top)
+            }
+            (_, Light::Environment { .. }) => (Kind::Environment { faces: areas }, light.launched(size) * top),
+        };
+        let direction_of_pencil = matches!(light, Light::Pencil { .. });
+        let colour = light.value().rgb.map(|v| (v / top) as f32);
+        let emitter = Emitter {
+            kind,
+            power,
+            colour: if plan.emission == Emission::FirstCollision { [1.0; 3] } else { colour },
+            tallies_unscattered: plan.direct == Direct::Sampled,
+            n: volume.n().map(|m| m as i32),
+            h,
+        };
+        (power > 0.0 && (power.is_finite() || direction_of_pencil)).then_some(emitter)
+    }
+
+    /// The start of a photon; `u` within (0, 1) is stratified over the emitter's photons.
+    #[inline]
+    pub fn start(&self, light: &Light, u: f64, draws: &mut Draws) -> Start {
+        let words = draws.next4();
+        let (a, b) = (uniform64(words[0]), uniform64(words[1]));
+        match &self.kind {
+            Kind::Point { position, axis, cap } => {
+                let v = cap * u;
+                let direction = rotate(*axis, 1.0 - v, (v * (2.0 - v)).sqrt(), a);
+                self.enter_box(*position, direction)
+            }
+            Kind::Pencil { p } => match light {
+                Light::Pencil { direction, .. } => Start::Flight { p: *p, direction: direction.map(|c| c as f32) },
+                _ => Start::Miss,
+            },
+            Kind::Directional { direction, faces } => {
+                let (axis, rest) = pick_face(faces, u);
+                let mut p = [0.0; 3];
+                p[axis] = if direction[axis] > 0.0 { 0.0 } else { f64::from(self.n[axis]) };
+                p[(axis + 1) % 3] = rest * f64::from(self.n[(axis + 1) % 3]);
+                p[(axis + 2) % 3] = a * f64::from(self.n[(axis + 2) % 3]);
+                Start::Flight { p: p.map(|c| c as f32), direction: direction.map(|c| c as f32) }
+            }
+            Kind::Environment { faces } => {
+                let (axis, rest) = pick_face(faces, u);
+                let (side, rest) = if rest < 0.5 { (0.0, 2.0 * rest) } else { (1.0, 2.0 * rest - 1.0) };
+                let mut p = [0.0; 3];
+                p[axis] = side * f64::from(self.n[axis]);
+                p[(axis + 1) % 3] = rest * f64::from(self.n[(axis + 1) % 3]);
+                p[(axis + 2) % 3] = a * f64::from(self.n[(axis + 2) % 3]);
+                let mut inward = [0.0; 3];
+                inward[axis] = 1.0 - 2.0 * side;
+                // Lambertian entrance: cos^2 uniform.
+                let direction = rotate(inward, b.sqrt(), (1.0 - b).sqrt(), uniform64(words[2]));
+                Start::Flight { p: p.map(|c| c as f32), direction: direction.map(|c| c as f32) }
+            }
+            Kind::FirstCollision { light, power, rows, extinction, volume } => {
+                let target = u * rows[rows.len() - 1];
+                let row = rows.partition_point(|&sum| sum <= target).min(rows.len() - 1);
+                let nx = self.n[0] as usize;
+                let mut rest = target - if row > 0 { rows[row - 1] } else { 0.0 };
+                let values = &power[row * nx..(row + 1) * nx];
+                let mut i = 0;
+                while i + 1 < nx && (rest >= f64::from(values[i]) || values[i] == 0.0) {
+                    rest -= f64::from(values[i]);
+                    i += 1;
+                }
+                // Rounding may run over the end of the row onto a voxel without power: back to one with.
+                while values[i] == 0.0 && i > 0 {
+                    i -= 1;
+                }
+                let ny = self.n[1] as usize;
+                let p = [
+                    i as f32 + a as f32,
+                    (row % ny) as f32 + b as f32,
+                    (row / ny) as f32 + uniform64(words[2]) as f32,
+                ];
+                let incident = light.incident(p);
+                let column = light.column(p, &incident);
+                let density = light.density(p);
+                let scale = density * incident.falloff * volume / values[i].max(1e-38);
+                let weight =
+                    std::array::from_fn(|c| extinction[c] * light.value[c] * (-extinction[c] * column).exp() * scale);
+                Start::Collision { p, direction: incident.direction, weight }
+            }
+        }
+    }
+
+    fn enter_box(&self, position: [f64; 3], direction: [f64; 3]) -> Start {
+        let p: [f64; 3] = std::array::from_fn(|a| position[a] / self.h[a]);
+        let v: [f64; 3] = std::array::from_fn(|a| direction[a] / self.h[a]);
+        match enter(p, v, self.n) {
+            Some((t0, _)) => Start::Flight {
+                p: std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, f64::from(self.n[a])) as f32),
+                direction: direction.map(|c| c as f32),
+            },
+            None => Start::Miss,
+        }
+    }
+}
+
+/// The axis of a face chosen by area from `u`, and the rest of `u` within it.
+fn pick_face(areas: &[f64; 3], u: f64) -> (usize, f64) {
+    let mut rest = u * areas.iter().sum::<f64>();
+    for axis in 0..3 {
+        if areas[axis] > 0.0 {
+            if rest < areas[axis] {
+                return (axis, rest / areas[axis]);
+            }
+            rest -= areas[axis];
+        }
+    }
+    let last = (0..3).rev().find(|&a| areas[a] > 0.0).unwrap_or(0);
+    (last, 1.0 - 1e-12)
+}
+
+/// The cone from a point around the box's bounding sphere: its axis, and 1 - the cosine of its half angle (2 for all
+/// directions, from within the sphere).
+fn cone(position: [f64; 3], size: [f64; 3]) -> ([f64; 3], f64) {
+    let to: [f64; 3] = std::array::from_fn(|a| 0.5 * size[a] - position[a]);
+    let d2 = to.iter().map(|c| c * c).sum::<f64>();
+    let r2 = 0.25 * size.iter().map(|c| c * c).sum::<f64>();
+    if d2 <= r2 {
+        return ([0.0, 0.0, 1.0], 2.0);
+    }
+    (to.map(|c| c / d2.sqrt()), r2 / d2 / (1.0 + (1.0 - r2 / d2).sqrt()))
+}
+
+/// The solid angle within which the photons of a point light are sampled.
+pub fn cone_solid_angle(position: [f64; 3], size: [f64; 3]) -> f64 {
+    2.0 * PI * cone(position, size).1
+}
+
+/// The voxels' shares of the first collisions: mean density times unscattered fluence at the centre.
+fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>) -> Option<(Kind<'a>, f64)> {
+    let volume = &scene.medium.volume;
+    let n = volume.n();
+    let extinction = scene.medium.extinction.rgb.map(|e| e as f32);
+    let cubic = volume.voxel_volume() as f32;
+    let mut power = vec![0.0f32; volume.voxels()];
+    let sums: Vec<f64> = power
+        .par_chunks_mut(n[0])
+        .enumerate()
+        .map(|(row, out)| {
+            let (j, k) = (row % n[1], row / n[1]);
+            let mut sum = 0.0f64;
+            for (i, share) in out.iter_mut().enumerate() {
+                let density = mean_density(volume, [i, j, k]);
+                if density > 0.0 {
+                    let p = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
+                    let incident = light.incident(p);
+                    let column = light.rough_column(p, &incident);
+                    let fluence = (0..3)
+                        .map(|c| extinction[c] * light.value[c] * (-extinction[c] * column).exp())
+                        .fold(0.0, f32::max);
+                    *share = density * fluence * incident.falloff * cubic;
+                    sum += f64::from(*share);
+                }
+            }
+            sum
+        })
+        .collect();
+    let mut total = 0.0;
+    let rows: Vec<f64> = sums
+        .into_iter()
+        .map(|s| {
+            total += s;
+            total
+        })
+        .collect();
+    let kind = Kind::FirstCollision { light: light.clone(), power, rows, extinction, volume: cubic };
+    (total > 0.0).then_some((kind, total))
+}
+
+/// The mean density over a voxel: its own, or with interpolation the exact mean of the trilinear function, which is
+/// (1/8, 6/8, 1/8) along each axis.
+pub fn mean_density(volume: &crate::scene::Volume, voxel: [usize; 3]) -> f32 {
+    let n = volume.n();
+    let field = Field::density(volume);
+    if !volume.linear() {
+        return field.voxel(voxel.map(|c| c as i32));
+    }
+    let mut sum = 0.0;
+    for (dz, wz) in [(-1, 0.125f32), (0, 0.75), (1, 0.125)] {
+        for (dy, wy) in [(-1, 0.125f32), (0, 0.75), (1, 0.125)] {
+            let y = (voxel[1] as i32 + dy).clamp(0, n[1] as i32 - 1);
+            let z = (voxel[2] as i32 + dz).clamp(0, n[2] as i32 - 1);
+            let x = voxel[0] as i32;
+            let (left, right) = ((x - 1).max(0), (x + 1).min(n[0] as i32 - 1));
+            let line = 0.125 * (field.voxel([left, y, z]) + field.voxel([right, y, z])) + 0.75 * field.voxel([x, y, z]);
+            sum += wy * wz * line;
+        }
+    }
+    sum
+}
+
+/// The part of a point light's directions that meets the box.
+pub fn hit_fraction(scene: &Scene, position: [f64; 3]) -> f64 {
+    let volume = &scene.medium.volume;
+    box_solid_angle(volume.local(position), volume.size()) / (4.0 * PI)
+}

@@ -1,0 +1,335 @@
+//! The density along a line. Positions are in voxel coordinates (0 to n per axis); velocities in voxels per unit of
+//! world length, so that parameters along a line are lengths.
+
+use crate::scene::Volume;
+
+/// A point or vector along x, y, z.
+pub type V3 = [f32; 3];
+
+/// `p + t v`.
+#[inline(always)]
+pub fn along(p: V3, v: V3, t: f32) -> V3 {
+    [p[0] + v[0] * t, p[1] + v[1] * t, p[2] + v[2] * t]
+}
+
+/// A walk through the unit cells that a line crosses (Amanatides and Woo 1987). Progress is made in integers, so that
+/// rounding can neither stop it nor lead it off the grid.
+#[derive(Debug, Clone, Copy)]
+pub struct Dda {
+    /// The current cell.
+    pub cell: [i32; 3],
+    low: [i32; 3],
+    high: [i32; 3],
+    step: [i32; 3],
+    next: V3,
+    delta: V3,
+}
+
+impl Dda {
+    /// Starts in the cell of `q`, moved onto the grid of cells `low..high` if rounding put it outside.
+    #[inline(always)]
+    pub fn new(q: V3, v: V3, low: [i32; 3], high: [i32; 3]) -> Self {
+        let mut dda = Dda { cell: [0; 3], low, high, step: [0; 3], next: [f32::INFINITY; 3], delta: [f32::INFINITY; 3] };
+        for a in 0..3 {
+            let cell = (q[a].floor() as i32).clamp(low[a], high[a] - 1);
+            dda.cell[a] = cell;
+            if v[a] != 0.0 {
+                let inverse = 1.0 / v[a];
+                dda.step[a] = if v[a] > 0.0 { 1 } else { -1 };
+                let edge = if v[a] > 0.0 { cell + 1 } else { cell };
+                dda.next[a] = ((edge as f32 - q[a]) * inverse).max(0.0);
+                dda.delta[a] = inverse.abs();
+            }
+        }
+        dda
+    }
+
+    /// The axis whose face is crossed next, and the parameter there.
+    #[inline(always)]
+    pub fn exit(&self) -> (usize, f32) {
+        let [x, y, z] = self.next;
+        if x < y {
+            if x < z { (0, x) } else { (2, z) }
+        } else if y < z {
+            (1, y)
+        } else {
+            (2, z)
+        }
+    }
+
+    /// Steps over the face; false if that leaves the grid.
+    #[inline(always)]
+    pub fn advance(&mut self, axis: usize) -> bool {
+        self.cell[axis] += self.step[axis];
+        self.next[axis] += self.delta[axis];
+        self.cell[axis] >= self.low[axis] && self.cell[axis] < self.high[axis]
+    }
+
+    /// The number of the face crossed by the last step along `axis`: -x +x -y +y -z +z.
+    #[inline(always)]
+    pub fn face(&self, axis: usize) -> usize {
+        2 * axis + usize::from(self.step[axis] > 0)
+    }
+}
+
+/// Eight corner values of a cell of trilinear interpolation, as the polynomial's coefficients.
+#[derive(Debug, Clone, Copy)]
+pub struct Corners([f32; 8]);
+
+impl Corners {
+    /// The interpolated value at `u`, each within [0, 1].
+    #[inline(always)]
+    pub fn at(&self, u: V3) -> f32 {
+        let c = &self.0;
+        let x0 = c[0] + u[0] * (c[1] - c[0]);
+        let x1 = c[2] + u[0] * (c[3] - c[2]);
+        let x2 = c[4] + u[0] * (c[5] - c[4]);
+        let x3 = c[6] + u[0] * (c[7] - c[6]);
+        let y0 = x0 + u[1] * (x1 - x0);
+        let y1 = x2 + u[1] * (x3 - x2);
+        y0 + u[2] * (y1 - y0)
+    }
+}
+
+/// The two indices and the weight of linear interpolation between voxel centres along one axis, clamped at the border.
+#[inline(always)]
+pub fn between(p: f32, n: i32) -> (usize, usize, f32) {
+    let q = p - 0.5;
+    let low = q.floor();
+    let i = low as i32;
+    (i.clamp(0, n - 1) as usize, (i + 1).clamp(0, n - 1) as usize, q - low)
+}
+
+/// A scalar per voxel, constant or linear between voxel centres.
+#[derive(Debug, Clone, Copy)]
+pub struct Field<'a> {
+    values: &'a [f32],
+    n: [i32; 3],
+    linear: bool,
+}
+
+impl<'a> Field<'a> {
+    /// The volume's densities.
+    pub fn density(volume: &Volume<'a>) -> Self {
+        Field::new(volume.density(), volume)
+    }
+
+    /// Other values on the voxels of a volume.
+    pub fn new(values: &'a [f32], volume: &Volume) -> Self {
+        Field { values, n: volume.n().map(|m| m as i32), linear: volume.linear() }
+    }
+
+    /// Voxels along x, y, z.
+    #[inline(always)]
+    pub fn n(&self) -> [i32; 3] {
+        self.n
+    }
+
+    /// Whether values are interpolated.
+    #[inline(always)]
+    pub fn linear(&self) -> bool {
+        self.linear
+    }
+
+    /// The index of voxel (i, j, k).
+    #[inline(always)]
+    pub fn index(&self, c: [i32; 3]) -> usize {
+        ((c[2] * self.n[1] + c[1]) as usize) * self.n[0] as usize + c[0] as usize
+    }
+
+    /// The value of voxel (i, j, k), which must lie on the grid.
+    #[inline(always)]
+    pub fn voxel(&self, c: [i32; 3]) -> f32 {
+        self.values[self.index(c)]
+    }
+
+    /// The cell of interpolation (i, j, k), from -1 to n - 1.
+    #[inline(always)]
+    pub fn corners(&self, c: [i32; 3]) -> Corners {
+        let n = self.n;
+        let low = |a: usize| c[a].max(0) as usize;
+        let high = |a: usize| (c[a] + 1).min(n[a] - 1) as usize;
+        let (row, slice) = (n[0] as usize, (n[0] * n[1]) as usize);
+        let (x0, x1) = (low(0), high(0));
+        let (y0, y1) = (low(1) * row, high(1) * row);
+        let (z0, z1) = (low(2) * slice, high(2) * slice);
+        let v = self.values;
+        Corners([
+            v[z0 + y0 + x0],
+            v[z0 + y0 + x1],
+            v[z0 + y1 + x0],
+            v[z0 + y1 + x1],
+            v[z1 + y0 + x0],
+            v[z1 + y0 + x1],
+            v[z1 + y1 + x0],
+            v[z1 + y1 + x1],
+        ])
+    }
+
+    /// The value at a point.
+    #[inline(always)]
+    pub fn at(&self, p: V3) -> f32 {
+        if self.linear {
+            let q = p.map(|c| c - 0.5);
+            let cell: [i32; 3] = std::array::from_fn(|a| (q[a].floor() as i32).clamp(-1, self.n[a] - 1));
+            self.corners(cell).at(std::array::from_fn(|a| (q[a] - cell[a] as f32).clamp(0.0, 1.0)))
+        } else {
+            self.voxel(std::array::from_fn(|a| (p[a] as i32).clamp(0, self.n[a] - 1)))
+        }
+    }
+
+    /// A value whose mean over `word` is the value at the point, from one read: the point is jittered by up to half a
+    /// voxel, and the voxel there taken (box filtering of the nearest value is linear interpolation).
+    #[inline(always)]
+    pub fn one_read(&self, p: V3, word: u32) -> f32 {
+        if !self.linear {
+            return self.at(p);
+        }
+        let jitter = |shift: u32| ((word >> shift) & 1023) as f32 * (1.0 / 1024.0) - (511.5 / 1024.0);
+        let c: [i32; 3] = std::array::from_fn(|a| {
+            let q = p[a] + jitter(10 * a as u32);
+            (q.max(0.0) as i32).min(self.n[a] - 1)
+        });
+        self.voxel(c)
+    }
+
+    /// The integral of the field along `p + t v` for t from 0 to `end`, exact: the field is cubic within a cell of
+    /// interpolation, and Simpson's rule integrates cubics exactly.
+    pub fn column(&self, p: V3, v: V3, end: f32) -> f32 {
+        let mut cells = self.cells(p, v);
+        let (mut t, mut sum) = (0.0f32, 0.0f32);
+        loop {
+            let (axis, exit) = cells.exit();
+            let stop = exit.min(end);
+            if stop > t {
+                sum += self.segment(cells.cell, p, v, t, stop);
+                t = stop;
+            }
+            if exit >= end || !cells.advance(axis) {
+                return sum;
+            }
+        }
+    }
+
+    /// The walk over the cells within which the field is one polynomial: voxels, or cells between voxel centres.
+    #[inline(always)]
+    pub fn cells(&self, p: V3, v: V3) -> Dda {
+        if self.linear {
+            Dda::new(p.map(|c| c - 0.5), v, [-1; 3], self.n)
+        } else {
+            Dda::new(p, v, [0; 3], self.n)
+        }
+    }
+
+    /// The integral over [t0, t1] within the cell (of [`Field::cells`]).
+    #[inline(always)]
+    fn segment(&self, cell: [i32; 3], p: V3, v: V3, t0: f32, t1: f32) -> f32 {
+        if self.linear {
+            let corners = self.corners(cell);
+            let value = |t: f32| corners.at(local(along(p, v, t), cell));
+            (value(t0) + 4.0 * value(0.5 * (t0 + t1)) + value(t1)) * ((t1 - t0) * (1.0 / 6.0))
+        } else {
+            self.voxel(cell) * (t1 - t0)
+        }
+    }
+
+    /// The parameter within [t0, t1] at which the integral from t0 reaches `target`, in a cell of interpolation that holds
+    /// the line between them: Newton's method kept within its bracket.
+    pub fn invert(&self, corners: &Corners, cell: [i32; 3], p: V3, v: V3, t0: f32, t1: f32, target: f32) -> f32 {
+        let value = |t: f32| corners.at(local(along(p, v, t), cell));
+        let start = value(t0);
+        let (mut low, mut high) = (t0, t1);
+        let mut t = 0.5 * (t0 + t1);
+        for _ in 0..24 {
+            let here = value(t);
+            let sum = (start + 4.0 * value(0.5 * (t0 + t)) + here) * ((t - t0) * (1.0 / 6.0)) - target;
+            if sum > 0.0 { high = t } else { low = t }
+            let newton = t - sum / here.max(1e-30);
+            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            if (next - t).abs() <= 1e-6 * (t1 - t0) {
+                return next;
+            }
+            t = next;
+        }
+        t
+    }
+}
+
+/// Coordinates within the cell of interpolation, kept within [0, 1].
+#[inline(always)]
+pub fn local(p: V3, cell: [i32; 3]) -> V3 {
+    std::array::from_fn(|a| (p[a] - 0.5 - cell[a] as f32).clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn volume(density: &[f32], linear: bool) -> Volume<'_> {
+        Volume::new(density, [5, 4, 3], [0.5, 1.0, 2.0], [0.0; 3], linear).expect("valid")
+    }
+
+    fn noise() -> Vec<f32> {
+        (0..60).map(|i| ((i * 7919 + 13) % 101) as f32 / 100.0).collect()
+    }
+
+    /// A line between two faces, and its length.
+    fn lines() -> Vec<(V3, V3, f32)> {
+        vec![
+            ([0.0, 1.3, 0.2], [2.0, 0.3, 0.1], 2.5),
+            ([5.0, 3.9, 2.9], [-1.7, -1.3, -0.9], 2.9),
+            ([2.5, 0.0, 1.5], [0.0, 1.0, 0.0], 4.0),
+            ([1.0, 2.0, 0.0], [1e-7, -1e-7, 0.5], 6.0),
+        ]
+    }
+
+    #[test]
+    fn column_agrees_with_a_fine_sum() {
+        let data = noise();
+        for linear in [false, true] {
+            let v = volume(&data, linear);
+            let field = Field::density(&v);
+            for (p, d, end) in lines() {
+                let m = 200_000;
+                let fine: f64 = (0..m)
+                    .map(|i| f64::from(field.at(along(p, d, (i as f32 + 0.5) / m as f32 * end))))
+                    .sum::<f64>()
+                    * f64::from(end)
+                    / f64::from(m);
+                let got = f64::from(field.column(p, d, end));
+                assert!((got - fine).abs() < 2e-4 * fine.max(1.0), "linear {linear} {p:?}: {got} vs {fine}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_read_has_the_interpolated_value_as_its_mean() {
+        let data = noise();
+        let v = volume(&data, true);
+        let field = Field::density(&v);
+        for p in [[0.1f32, 0.2, 0.3], [2.7, 1.9, 1.4], [4.95, 3.5, 2.99]] {
+            let m = 400_000u32;
+            let mean: f64 =
+                (0..m).map(|i| f64::from(field.one_read(p, i.wrapping_mul(2_654_435_769) >> 2))).sum::<f64>() / f64::from(m);
+            assert!((mean - f64::from(field.at(p))).abs() < 3e-3, "{p:?}: {mean} vs {}", field.at(p));
+        }
+    }
+
+    #[test]
+    fn dda_ends_on_every_line() {
+        let data = noise();
+        let v = volume(&data, true);
+        let field = Field::density(&v);
+        for i in 0..10_000u32 {
+            let r = |k: u32| ((i.wrapping_mul(747_796_405).wrapping_add(k.wrapping_mul(2_891_336_453))) >> 8) as f32 / 1.7e7;
+            let p = [5.0 * r(1), 4.0 * r(2), 3.0 * r(3)];
+            let d = [r(4) - 0.5, r(5) - 0.5, if i % 7 == 0 { 0.0 } else { r(6) - 0.5 }];
+            let mut cells = field.cells(p, d);
+            let mut steps = 0;
+            while cells.advance(cells.exit().0) {
+                steps += 1;
+                assert!(steps < 20);
+            }
+        }
+    }
+}

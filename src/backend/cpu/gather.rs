@@ -1,0 +1,465 @@
+//! The gather: images from what the run left in the voxels, deterministic, front to back, for any camera.
+//!
+//! Along a view ray the source term is sigma_s * (order 1 + J): order 1 from the lights directly, J interpolated between
+//! voxel centres. Each cell within which the density is one polynomial is cut into steps of at most half an optical depth,
+//! with two Gauss points each.
+
+use super::field::{Field, V3, along, between, local};
+use super::light::{GAUSS, Illumination, Source};
+use super::track::enter;
+use crate::physics::Phase;
+use crate::scene::{Albedo, Camera, Light, Scene};
+use rayon::prelude::*;
+
+/// Largest optical depth of a step.
+const STEP_DEPTH: f32 = 0.5;
+/// A ray ends where its transmittance is below exp(-this).
+const OPAQUE: f32 = 16.0;
+
+/// What the gather reads.
+pub struct Volumes<'a> {
+    /// The scene.
+    pub scene: &'a Scene<'a>,
+    /// Lights with a deterministic order 1.
+    pub lights: Vec<Illumination<'a>>,
+    /// J per voxel: `stride` values, the channel outermost.
+    pub source: Option<&'a [f32]>,
+    /// The part of J that belongs to order 1, `channels` values a voxel.
+    pub source0: Option<&'a [f32]>,
+    /// 1 or 3.
+    pub channels: usize,
+}
+
+/// Layers of an image, row by row from the top, channels fastest.
+#[derive(Debug, Clone, Default)]
+pub struct Image {
+    /// Light scattered once.
+    pub order1: Vec<f32>,
+    /// Light scattered more often (all replicates, if the source holds them).
+    pub order2: Vec<f32>,
+    /// Transmittance of the volume.
+    pub transmittance: Vec<f32>,
+}
+
+/// One view ray's sums: `C` channels, `S` values of the source volume.
+struct Sums<const C: usize, const S: usize> {
+    order1: [f32; C],
+    source: [f32; S],
+    column: f32,
+}
+
+/// The layers of all pixels, or of the given ones.
+pub fn image(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>, stride: usize, stop: &(impl Fn() -> bool + Sync)) -> Image {
+    match (volumes.channels, stride) {
+        (1, 1) => gather::<1, 1>(volumes, camera, pixels, stop),
+        (1, 8) => gather::<1, 8>(volumes, camera, pixels, stop),
+        (1, 16) => gather::<1, 16>(volumes, camera, pixels, stop),
+        (3, 3) => gather::<3, 3>(volumes, camera, pixels, stop),
+        (3, 24) => gather::<3, 24>(volumes, camera, pixels, stop),
+        (3, 48) => gather::<3, 48>(volumes, camera, pixels, stop),
+        (channels, stride) => replicate_by_replicate(volumes, camera, pixels, channels, stride, stop),
+    }
+}
+
+/// Any other number of replicates (a run stopped early, a merge): one after the other.
+fn replicate_by_replicate(
+    volumes: &Volumes,
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    channels: usize,
+    stride: usize,
+    stop: &(impl Fn() -> bool + Sync),
+) -> Image {
+    let k = stride / channels;
+    let mut whole = Image::default();
+    for replicate in 0..k {
+        let slice: Option<Vec<f32>> =
+            volumes.source.map(|s| s.iter().skip(replicate).step_by(k).copied().collect());
+        let part = Volumes {
+            scene: volumes.scene,
+            lights: if replicate == 0 { volumes.lights.clone() } else { Vec::new() },
+            source: slice.as_deref(),
+            source0: None,
+            channels,
+        };
+        let one = image(&part, camera, pixels, channels, stop);
+        if replicate == 0 {
+            whole = Image { order2: vec![0.0; one.order2.len() * k], ..one.clone() };
+        }
+        for (at, value) in one.order2.iter().enumerate() {
+            whole.order2[at * k + replicate] = *value;
+        }
+    }
+    whole
+}
+
+fn gather<const C: usize, const S: usize>(
+    volumes: &Volumes,
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    stop: &(impl Fn() -> bool + Sync),
+) -> Image {
+    let [width, height] = camera.resolution;
+    let count = pixels.map_or(width * height, <[usize]>::len);
+    let mut image = Image {
+        order1: vec![0.0; count * C],
+        order2: vec![0.0; count * S],
+        transmittance: vec![1.0; count * C],
+    };
+    let view = View::<C, S>::new(volumes);
+    let fine = samples_per_axis(volumes.scene, camera);
+    // Tiles along a row: neighbouring pixels read the same voxels.
+    const TILE: usize = 32;
+    image
+        .order1
+        .par_chunks_mut(TILE * C)
+        .zip(image.order2.par_chunks_mut(TILE * S))
+        .zip(image.transmittance.par_chunks_mut(TILE * C))
+        .enumerate()
+        .for_each(|(tile, ((order1, order2), transmittance))| {
+            if stop() {
+                return;
+            }
+            for at in 0..order1.len() / C {
+                let pixel = pixels.map_or(tile * TILE + at, |list| list[tile * TILE + at]);
+                let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
+                view.pixel(camera, x, y, fine, |one, more, through| {
+                    for c in 0..C {
+                        order1[at * C + c] = one[c];
+                        transmittance[at * C + c] = through[c];
+                    }
+                    order2[at * S..(at + 1) * S].copy_from_slice(more);
+                });
+            }
+        });
+    image
+}
+
+/// Rays per pixel and axis: as many as voxels that a pixel spans, so that a pixel is the mean over its area.
+fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
+    let volume = &scene.medium.volume;
+    let (size, eye) = (volume.size(), volume.local(camera.origin));
+    let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt();
+    let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    ((camera.pixel_width(distance) / h).ceil() as usize).clamp(1, 4)
+}
+
+/// Everything along view rays that does not change from ray to ray.
+struct View<'a, const C: usize, const S: usize> {
+    volumes: &'a Volumes<'a>,
+    field: Field<'a>,
+    albedo: Option<Field<'a>>,
+    phase: &'a Phase,
+    isotropic: bool,
+    extinction: [f32; 3],
+    constant_albedo: [f32; 3],
+    least_extinction: f32,
+    most_extinction: f32,
+    h: [f64; 3],
+}
+
+impl<'a, const C: usize, const S: usize> View<'a, C, S> {
+    fn new(volumes: &'a Volumes<'a>) -> Self {
+        let medium = &volumes.scene.medium;
+        let extinction = medium.extinction.rgb.map(|e| e as f32);
+        let (constant_albedo, albedo) = match medium.albedo {
+            Albedo::Constant(a) => (a.rgb.map(|x| x as f32), None),
+            Albedo::PerVoxel(values) => ([1.0; 3], Some(Field::new(values, &medium.volume))),
+        };
+        View {
+            volumes,
+            field: Field::density(&medium.volume),
+            albedo,
+            phase: &medium.phase,
+            isotropic: medium.phase.is_isotropic(),
+            extinction,
+            constant_albedo,
+            least_extinction: extinction.iter().copied().fold(f32::INFINITY, f32::min),
+            most_extinction: extinction.iter().copied().fold(0.0, f32::max),
+            h: medium.volume.spacing(),
+        }
+    }
+
+    /// The mean over the pixel with the upper left corner (x, y).
+    fn pixel(&self, camera: &Camera, x: f64, y: f64, fine: usize, put: impl FnOnce(&[f32; C], &[f32; S], &[f32; C])) {
+        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+        let hits = corners.iter().filter(|(u, v)| self.range(camera, x + u, y + v).is_some()).count();
+        let edge = hits != 0 && hits != 4;
+        let bright = self.volumes.lights.iter().any(|light| self.sees(camera, x + 0.5, y + 0.5, light));
+        let n = if bright { 16 } else if edge { 8 } else { fine };
+        let mut order1 = [0.0f32; C];
+        let mut source = [0.0f32; S];
+        let mut through = [0.0f32; C];
+        let weight = 1.0 / (n * n) as f32;
+        for at in 0..n * n {
+            let (u, v) = (((at % n) as f64 + 0.5) / n as f64, ((at / n) as f64 + 0.5) / n as f64);
+            match self.range(camera, x + u, y + v) {
+                None => through = through.map(|t| t + weight),
+                Some(mut ray) => {
+                    ray.least_off /= n as f32;
+                    let sums = self.ray(&ray);
+                    for c in 0..C {
+                        order1[c] += weight * sums.order1[c];
+                        through[c] += weight * (-self.extinction[c] * sums.column).exp();
+                    }
+                    for s in 0..S {
+                        source[s] += weight * sums.source[s];
+                    }
+                }
+            }
+        }
+        put(&order1, &source, &through);
+    }
+
+    /// The ray through a point of the image, within the box.
+    fn range(&self, camera: &Camera, x: f64, y: f64) -> Option<Ray> {
+        let (origin, direction) = camera.ray(x, y);
+        let local = self.volumes.scene.medium.volume.local(origin);
+        let n = self.field.n();
+        let p: [f64; 3] = std::array::from_fn(|a| local[a] / self.h[a]);
+        let v: [f64; 3] = std::array::from_fn(|a| direction[a] / self.h[a]);
+        let (t0, t1) = enter(p, v, n)?;
+        Some(Ray {
+            p: std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, f64::from(n[a])) as f32),
+            v: v.map(|c| c as f32),
+            direction: direction.map(|c| c as f32),
+            length: (t1 - t0) as f32,
+            least_off: (0.1 * camera.pixel_width(0.5 * (t0 + t1))) as f32,
+        })
+    }
+
+    /// Whether a point light stands in the box within two pixels of the image point: its 1/d^2 needs finer sampling.
+    fn sees(&self, camera: &Camera, x: f64, y: f64, light: &Illumination) -> bool {
+        let Source::Point(position) = light.source else { return false };
+        let Some(Ray { p, direction: d, length, .. }) = self.range(camera, x, y) else { return false };
+        let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * self.h[a] as f32);
+        let t = (0..3).map(|a| to[a] * d[a]).sum::<f32>();
+        let off = (0..3).map(|a| (to[a] - t * d[a]).powi(2)).sum::<f32>().sqrt();
+        let pixel = camera.pixel_width(f64::from(t.clamp(0.0, length))) as f32;
+        t > 0.0 && t < length && off < 2.0 * pixel
+    }
+
+    /// Sums along one ray.
+    fn ray(&self, ray: &Ray) -> Sums<C, S> {
+        let mut sums = Sums { order1: [0.0; C], source: [0.0; S], column: 0.0 };
+        let mut cells = self.field.cells(ray.p, ray.v);
+        let mut t = 0.0f32;
+        let linear = self.field.linear();
+        loop {
+            let (axis, exit) = cells.exit();
+            let stop = exit.min(ray.length);
+            if stop > t {
+                let cell = cells.cell;
+                if linear {
+                    let corners = self.field.corners(cell);
+                    self.cell(&mut sums, ray, (t, stop), |t| corners.at(local(along(ray.p, ray.v, t), cell)));
+                } else {
+                    let value = self.field.voxel(cell);
+                    self.cell(&mut sums, ray, (t, stop), |_| value);
+                }
+                t = stop;
+            }
+            if exit >= ray.length || !cells.advance(axis) || sums.column * self.least_extinction > OPAQUE {
+                return sums;
+            }
+        }
+    }
+
+    /// Adds what [t0, t1] of a ray, within one cell, sends to the eye.
+    #[inline(always)]
+    fn cell(&self, sums: &mut Sums<C, S>, ray: &Ray, (t0, t1): (f32, f32), density: impl Fn(f32) -> f32) {
+        let (u1, u2) = (GAUSS[1][0].0 as f32, GAUSS[1][1].0 as f32);
+        let length = t1 - t0;
+        let (s1, s2) = (density(t0 + u1 * length), density(t0 + u2 * length));
+        if s1 <= 0.0 && s2 <= 0.0 {
+            return;
+        }
+        let depth = 0.5 * (s1 + s2) * length * self.most_extinction;
+        let steps = ((depth / STEP_DEPTH).ceil() as usize).clamp(1, 256);
+        let step = length / steps as f32;
+        for i in 0..steps {
+            let start = t0 + step * i as f32;
+            let (s1, s2) = if steps == 1 { (s1, s2) } else { (density(start + u1 * step), density(start + u2 * step)) };
+            let profile = Profile { s1, slope: (s2 - s1) / (u2 - u1), step };
+            let node = |u: f32, s: f32| {
+                let p = along(ray.p, ray.v, start + u * step);
+                (p, self.factor(p, s * 0.5 * step, sums.column + profile.column(u)))
+            };
+            let nodes = [node(u1, s1), node(u2, s2)];
+            for light in &self.volumes.lights {
+                match close_light(light, self.h, along(ray.p, ray.v, start), ray.direction, step) {
+                    Some(foot) => self.close(sums, light, foot, ray, start, &profile),
+                    None => {
+                        for (p, factor) in &nodes {
+                            self.lit(&mut sums.order1, factor, light, *p, ray.direction);
+                        }
+                    }
+                }
+            }
+            for (p, factor) in &nodes {
+                self.volume_terms(sums, *p, factor);
+            }
+            sums.column += 0.5 * (s1 + s2) * step;
+        }
+    }
+
+    /// Adds what the volumes hold at a node.
+    #[inline(always)]
+    fn volume_terms(&self, sums: &mut Sums<C, S>, p: V3, factor: &[f32; C]) {
+        if let Some(source) = self.volumes.source0 {
+            let j = interpolate::<C>(source, self.field.n(), p);
+            for c in 0..C {
+                sums.order1[c] += factor[c] * j[c];
+            }
+        }
+        if let Some(source) = self.volumes.source {
+            let j = interpolate::<S>(source, self.field.n(), p);
+            for s in 0..S {
+                sums.source[s] += factor[s / (S / C)] * j[s];
+            }
+        }
+    }
+
+    /// sigma_s * length * transmittance at a node, by channel.
+    #[inline(always)]
+    fn factor(&self, p: V3, weight: f32, column: f32) -> [f32; C] {
+        let albedo = self.albedo.as_ref().map_or(1.0, |field| field.at(p));
+        std::array::from_fn(|c| {
+            self.extinction[c] * self.constant_albedo[c] * albedo * weight * (-self.extinction[c] * column).exp()
+        })
+    }
+
+    /// Adds a light's order 1 at a node.
+    #[inline(always)]
+    fn lit(&self, sum: &mut [f32; C], factor: &[f32; C], light: &Illumination, p: V3, view: V3) {
+        let incident = light.incident(p);
+        let column = light.column(p, &incident);
+        let scattered = incident.falloff * self.toward_eye(&incident.direction, &view);
+        for c in 0..C {
+            sum[c] += factor[c] * light.value[c] * scattered * (-self.extinction[c] * column).exp();
+        }
+    }
+
+    /// P from the light's direction into that towards the eye, which is against the view ray.
+    #[inline(always)]
+    fn toward_eye(&self, light: &V3, view: &V3) -> f32 {
+        if self.isotropic {
+            return 0.25 * std::f32::consts::FRAC_1_PI;
+        }
+        self.phase.pdf(-(light[0] * view[0] + light[1] * view[1] + light[2] * view[2]).clamp(-1.0, 1.0))
+    }
+
+    /// A step that passes close to a point light: nodes equally spaced in the angle seen from the light, in which 1/d^2
+    /// is constant (Kulla and Fajardo, *Importance sampling techniques for path tracing in participating media*, 2012).
+    fn close(
+        &self,
+        sums: &mut Sums<C, S>,
+        light: &Illumination,
+        (foot, off): (f32, f32),
+        ray: &Ray,
+        start: f32,
+        profile: &Profile,
+    ) {
+        let step = profile.step;
+        let off = off.max(ray.least_off).max(1e-6 * step);
+        let (from, to) = ((-foot / off).atan(), ((step - foot) / off).atan());
+        for piece in 0..2 {
+            for &(x, w) in GAUSS[3] {
+                let angle = from + (to - from) * (piece as f32 + x as f32) * 0.5;
+                let t = (foot + off * angle.tan()).clamp(0.0, step);
+                let d2 = off * off + (t - foot) * (t - foot);
+                let length = w as f32 * 0.5 * (to - from) * d2 / off;
+                let at = along(ray.p, ray.v, start + t);
+                let u = t / step;
+                let factor: [f32; C] = self.factor(at, profile.density(u) * length, sums.column + profile.column(u));
+                let incident = light.incident(at);
+                let column = light.ray(at, &incident);
+                let scattered = self.toward_eye(&incident.direction, &ray.direction) / d2;
+                for c in 0..C {
+                    sums.order1[c] += factor[c] * light.value[c] * scattered * (-self.extinction[c] * column).exp();
+                }
+            }
+        }
+    }
+}
+
+/// A view ray within the box.
+#[derive(Debug, Clone, Copy)]
+struct Ray {
+    p: V3,
+    v: V3,
+    direction: V3,
+    length: f32,
+    /// Nearest that it is taken to pass a light: a part of its share of the pixel.
+    least_off: f32,
+}
+
+/// The density along a step, linear through its two Gauss points; `u` runs from 0 to 1.
+struct Profile {
+    s1: f32,
+    slope: f32,
+    step: f32,
+}
+
+impl Profile {
+    #[inline(always)]
+    fn density(&self, u: f32) -> f32 {
+        (self.s1 + self.slope * (u - GAUSS[1][0].0 as f32)).max(0.0)
+    }
+
+    /// The integral of the density over the first `u` of the step.
+    #[inline(always)]
+    fn column(&self, u: f32) -> f32 {
+        (self.s1 * u + self.slope * (0.5 * u * u - GAUSS[1][0].0 as f32 * u)) * self.step
+    }
+}
+
+/// A light nearer than this many steps is integrated by angle.
+const CLOSE: f32 = 4.0;
+
+/// For a step that starts at `p`: the parameter of the point nearest to the light and its distance, if it is close.
+#[inline(always)]
+fn close_light(light: &Illumination, h: [f64; 3], p: V3, direction: V3, step: f32) -> Option<(f32, f32)> {
+    let Source::Point(position) = light.source else { return None };
+    let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * h[a] as f32);
+    let foot = (0..3).map(|a| to[a] * direction[a]).sum::<f32>();
+    let off = (0..3).map(|a| (to[a] - foot * direction[a]).powi(2)).sum::<f32>().sqrt();
+    let middle = 0.5 * step - foot;
+    (off * off + middle * middle < (CLOSE * step) * (CLOSE * step)).then_some((foot, off))
+}
+
+/// `N` values per voxel, linear between voxel centres.
+#[inline(always)]
+fn interpolate<const N: usize>(values: &[f32], n: [i32; 3], p: V3) -> [f32; N] {
+    let (x0, x1, u) = between(p[0], n[0]);
+    let (y0, y1, v) = between(p[1], n[1]);
+    let (z0, z1, w) = between(p[2], n[2]);
+    let (row, slice) = (n[0] as usize, (n[0] * n[1]) as usize);
+    let mut sum = [0.0f32; N];
+    for (z, wz) in [(z0 * slice, 1.0 - w), (z1 * slice, w)] {
+        for (y, wy) in [(y0 * row, 1.0 - v), (y1 * row, v)] {
+            for (x, wx) in [(x0, 1.0 - u), (x1, u)] {
+                let at = (z + y + x) * N;
+                let weight = wz * wy * wx;
+                let cell = &values[at..at + N];
+                for i in 0..N {
+                    sum[i] += weight * cell[i];
+                }
+            }
+        }
+    }
+    sum
+}
+
+/// The environment's radiance behind the volume, by channel.
+pub fn background(scene: &Scene) -> [f32; 3] {
+    let mut sum = [0.0f32; 3];
+    for light in &scene.lights {
+        if let Light::Environment { radiance } = light {
+            for c in 0..3 {
+                sum[c] += radiance.rgb[c] as f32;
+            }
+        }
+    }
+    sum
+}

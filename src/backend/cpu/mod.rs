@@ -1,0 +1,315 @@
+//! The CPU backend: runs a plan on all cores, with the same bits for any number of threads.
+
+pub mod emit;
+pub mod field;
+pub mod gather;
+pub mod light;
+pub mod pixel_error;
+mod settle;
+pub mod shoot;
+pub mod track;
+
+use crate::backend::Control;
+use crate::error::{Error, Result};
+use crate::plan::{Column, Layer, Plan, Tracker, cost};
+use crate::result::{Outcome, Stopped};
+use crate::scene::{Light, Scene};
+use crate::tally::{Bins, Drain, Moments, REFERENCE_UNITS};
+use emit::Emitter;
+use field::Field;
+use light::Illumination;
+use rayon::prelude::*;
+use shoot::{Energies, Walk};
+use track::{Analytic, March, Woodcock};
+
+/// Runs `work` on a pool of the given number of threads.
+pub fn with_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> T + Send) -> Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(cost::threads(threads))
+        .build()
+        .map_err(|e| Error::Internal(format!("the threads could not be started: {e}")))?;
+    Ok(pool.install(work))
+}
+
+/// Runs a plan.
+pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
+    with_threads(plan.settings.threads, || run_here(plan, control))?
+}
+
+fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
+    let columns = light_grids(plan, control);
+    let views = illuminations(plan.scene, plan.lights.iter().map(|l| l.column), &columns);
+    let emitters: Vec<(Emitter, Light)> = plan
+        .scene
+        .lights
+        .iter()
+        .zip(&plan.lights)
+        .zip(&views)
+        .filter_map(|((light, how), view)| Some((Emitter::new(plan.scene, light, how, view.as_ref())?, *light)))
+        .collect();
+    if control.stopped() {
+        return Err(Error::Interrupted);
+    }
+    let light_seconds = control.seconds();
+    let mut shot = Shot::new(plan);
+    if plan.shoots() && !emitters.is_empty() {
+        match plan.channels {
+            1 => shoot_grey::<1>(plan, &emitters, &views, control, &mut shot)?,
+            _ if plan.chromatic => shoot_chromatic(plan, &emitters, &views, control, &mut shot)?,
+            _ => shoot_grey::<3>(plan, &emitters, &views, control, &mut shot)?,
+        }
+    }
+    drop(emitters);
+    let photon_seconds = control.seconds() - light_seconds;
+    let mut outcome = settle::settle(plan, &views, shot, control)?;
+    drop(views);
+    outcome.columns = plan
+        .lights
+        .iter()
+        .zip(columns)
+        .map(|(light, grid)| grid.filter(|_| light.column == Column::Corners && plan.settings.image))
+        .collect();
+    outcome.seconds = [light_seconds, photon_seconds, control.seconds() - light_seconds - photon_seconds];
+    Ok(outcome)
+}
+
+/// The column densities at voxel corners of the lights that need them.
+fn light_grids(plan: &Plan, control: &Control) -> Vec<Option<Vec<f32>>> {
+    let scene = plan.scene;
+    let grid = |(light, how): (&Light, &crate::plan::LightPlan)| {
+        if !cost::uses_corners(how, light) {
+            return None;
+        }
+        Illumination::new(scene, light, how.column, None).map(|view| view.corner_columns(control))
+    };
+    scene.lights.iter().zip(&plan.lights).map(grid).collect()
+}
+
+/// The views of all lights, `None` for those without a direction.
+pub fn illuminations<'a>(
+    scene: &'a Scene<'a>,
+    how: impl Iterator<Item = Column>,
+    columns: &'a [Option<Vec<f32>>],
+) -> Vec<Option<Illumination<'a>>> {
+    scene
+        .lights
+        .iter()
+        .zip(how)
+        .zip(columns)
+        .map(|((light, column), corners)| Illumination::new(scene, light, column, corners.as_deref()))
+        .collect()
+}
+
+/// What the photons left.
+struct Shot {
+    /// Fluence of all tallied orders.
+    fluence: Moments,
+    /// J of all tallied orders (absent where it is the fluence over 4 pi).
+    source: Moments,
+    /// J of incident order 0, summed over batches.
+    source0: Vec<f64>,
+    /// Sums of the replicates, the replicate fastest.
+    subvolumes: Vec<f32>,
+    /// Batches in each replicate.
+    subvolume_batches: Vec<u64>,
+    /// Energies of each batch, and the power that a weight of 1 stands for.
+    energies: Vec<(Energies, f64, u64)>,
+    batches: u64,
+    photons: u64,
+    stopped: Stopped,
+}
+
+impl Shot {
+    fn new(plan: &Plan) -> Self {
+        let values = if plan.shoots() { plan.scene.medium.volume.voxels() * plan.channels } else { 0 };
+        let has = |layer| plan.layers.contains(&layer);
+        let wants_source = plan.wants_source() && !plan.one_moment();
+        let wants_fluence = plan.settings.fluence || plan.one_moment();
+        let sampled0 = has(Layer::Unscattered) || has(Layer::EyeUnscattered);
+        Shot {
+            fluence: Moments::new(if wants_fluence && !plan.layers.is_empty() { values } else { 0 }),
+            source: Moments::new(if wants_source && !plan.layers.is_empty() { values } else { 0 }),
+            source0: vec![0.0; if sampled0 && plan.wants_source() { values } else { 0 }],
+            subvolumes: vec![0.0; values * plan.subvolumes],
+            subvolume_batches: vec![0; plan.subvolumes],
+            energies: Vec::new(),
+            batches: 0,
+            photons: 0,
+            stopped: Stopped::Photons,
+        }
+    }
+}
+
+fn shoot_grey<const C: usize>(
+    plan: &Plan,
+    emitters: &[(Emitter, Light)],
+    views: &[Option<Illumination>],
+    control: &Control,
+    shot: &mut Shot,
+) -> Result<()>
+where
+    for<'a> Woodcock<'a, false>: track::Tracker<C>,
+{
+    let medium = &plan.scene.medium;
+    let field = Field::density(&medium.volume);
+    let scores = !plan.layers.is_empty();
+    let extinction = medium.extinction.rgb;
+    match (plan.tracker, &plan.majorant) {
+        (Tracker::Woodcock, Some(grid)) => {
+            let tracker = Woodcock::<false>::new(field, grid, extinction, scores);
+            batches::<C, _>(plan, tracker, emitters, views, control, shot)
+        }
+        (Tracker::Analytic, _) => {
+            let sigma_t = medium.max_sigma_t() as f32;
+            let tracker = Analytic { n: field.n(), sigma_t, score: plan.score, scores };
+            batches::<C, _>(plan, tracker, emitters, views, control, shot)
+        }
+        _ => {
+            let tracker = March::<false> { field, extinction: extinction.map(|e| e as f32), scores };
+            batches::<C, _>(plan, tracker, emitters, views, control, shot)
+        }
+    }
+}
+
+fn shoot_chromatic(
+    plan: &Plan,
+    emitters: &[(Emitter, Light)],
+    views: &[Option<Illumination>],
+    control: &Control,
+    shot: &mut Shot,
+) -> Result<()> {
+    let medium = &plan.scene.medium;
+    let field = Field::density(&medium.volume);
+    let scores = !plan.layers.is_empty();
+    let extinction = medium.extinction.rgb;
+    match &plan.majorant {
+        Some(grid) => {
+            let tracker = Woodcock::<true>::new(field, grid, extinction, scores);
+            batches::<3, _>(plan, tracker, emitters, views, control, shot)
+        }
+        None => {
+            let tracker = March::<true> { field, extinction: extinction.map(|e| e as f32), scores };
+            batches::<3, _>(plan, tracker, emitters, views, control, shot)
+        }
+    }
+}
+
+/// Bin units per weight * length: a typical deposit is 65,536 units, one along a voxel at most 2^24.
+fn bin_unit(plan: &Plan) -> f64 {
+    let h = plan.scene.medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    let free = 1.0 / plan.scene.medium.max_sigma_t().max(1e-30);
+    (REFERENCE_UNITS / h.min(free)).min(16_777_216.0 / h)
+}
+
+/// Walks batch after batch until the plan, the target, the clock or the user says stop.
+fn batches<const C: usize, T: track::Tracker<C>>(
+    plan: &Plan,
+    tracker: T,
+    emitters: &[(Emitter, Light)],
+    views: &[Option<Illumination>],
+    control: &Control,
+    shot: &mut Shot,
+) -> Result<()> {
+    let values = plan.scene.medium.volume.voxels() * C;
+    let bins: Vec<Bins> = plan.layers.iter().map(|_| Bins::new(values)).collect();
+    let unit = bin_unit(plan);
+    let walk = Walk { plan, tracker, emitters, bins: &bins, unit: unit as f32 };
+    let power: f64 = emitters.iter().map(|e| e.0.power).sum();
+    let round = plan.subvolumes.max(8) as u64;
+    let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
+    loop {
+        while shot.batches < goal {
+            let photons = plan.photons_of(shot.batches);
+            // Two batches make an error bar: until then the clock does not cut a batch short.
+            let Some(energies) = walk.batch::<C>(shot.photons, photons, control, shot.batches >= 2) else {
+                shot.stopped = if control.stopped() { Stopped::Progress } else { Stopped::TimeLimit };
+                return if shot.batches == 0 { Err(Error::Interrupted) } else { Ok(()) };
+            };
+            shot.batches += 1;
+            shot.photons += photons;
+            fold(plan, &bins, power / photons as f64 / unit, shot);
+            shot.energies.push((energies, power / photons as f64, photons));
+            let part = if goal == u64::MAX { 0.0 } else { shot.batches as f64 / goal as f64 };
+            control.report(part.max(control.time_fraction()), shot.photons);
+            if shot.batches >= 2 && control.late() && shot.batches < goal {
+                shot.stopped = Stopped::TimeLimit;
+                return Ok(());
+            }
+        }
+        let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
+        let error = settle::relative_error(plan, views, shot, control);
+        if error <= target {
+            shot.stopped = Stopped::TargetError;
+            return Ok(());
+        }
+        // The error falls as the root of the photons; no more than eightfold at once, for it is itself an estimate.
+        let factor = ((error / target).powi(2) * 1.05).clamp(1.1, 8.0);
+        goal = ((shot.batches as f64 * factor) as u64).div_ceil(round) * round;
+    }
+}
+
+/// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
+fn fold(plan: &Plan, bins: &[Bins], scale: f64, shot: &mut Shot) {
+    if bins.is_empty() {
+        return;
+    }
+    let scale = scale / plan.scene.medium.volume.voxel_volume();
+    let place = |layer: Layer| plan.layers.iter().position(|l| *l == layer);
+    let isotropic = plan.scene.medium.phase.is_isotropic();
+    let per_sphere = 0.25 * std::f64::consts::FRAC_1_PI;
+    let drain = Drain::new(bins);
+    let count = shot.batches;
+    let replicates = plan.subvolumes;
+    let replicate = if replicates > 0 { ((count - 1) % replicates as u64) as usize } else { 0 };
+    if replicates > 0 {
+        shot.subvolume_batches[replicate] += 1;
+    }
+    let (unscattered, inner, last) = (place(Layer::Unscattered), place(Layer::Inner), place(Layer::Last));
+    let (eye0, eye) = (place(Layer::EyeUnscattered), place(Layer::Eye));
+    let take = |layer: Option<usize>, at: usize| layer.map_or(0.0, |l| drain.take(l, at) * scale);
+    let values = plan.scene.medium.volume.voxels() * plan.channels;
+    const BLOCK: usize = 1 << 13;
+    // Quantities that this plan does not keep have no values: their blocks are empty.
+    let blocks = values.div_ceil(BLOCK);
+    let mut fluence: Vec<_> = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
+    let mut source: Vec<_> = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
+    let mut source0: Vec<_> = pad(shot.source0.chunks_mut(BLOCK), blocks);
+    let mut subvolumes: Vec<_> = pad(shot.subvolumes.chunks_mut(BLOCK * replicates.max(1)), blocks);
+    fluence
+        .par_iter_mut()
+        .zip(source.par_iter_mut())
+        .zip(source0.par_iter_mut())
+        .zip(subvolumes.par_iter_mut())
+        .enumerate()
+        .for_each(|(block, (((fluence, source), source0), subvolumes))| {
+            for at in 0..BLOCK.min(values - block * BLOCK) {
+                let index = block * BLOCK + at;
+                let (all, j0, j) = if isotropic {
+                    let (zero, some, rest) = (take(unscattered, index), take(inner, index), take(last, index));
+                    (zero + some + rest, zero * per_sphere, (zero + some) * per_sphere)
+                } else {
+                    let zero = take(eye0, index);
+                    (take(inner, index), zero, zero + take(eye, index))
+                };
+                if let Some((mean, m2)) = fluence {
+                    Moments::update(&mut mean[at], &mut m2[at], count, all);
+                }
+                if let Some((mean, m2)) = source {
+                    Moments::update(&mut mean[at], &mut m2[at], count, j);
+                }
+                if let Some(sum) = source0 {
+                    sum[at] += j0;
+                }
+                if let Some(sums) = subvolumes {
+                    sums[at * replicates + replicate] += j as f32;
+                }
+            }
+        });
+}
+
+/// The items, followed by `None` up to `len`.
+fn pad<T>(items: impl Iterator<Item = T>, len: usize) -> Vec<Option<T>> {
+    let mut list: Vec<Option<T>> = items.map(Some).collect();
+    list.resize_with(len, || None);
+    list
+}

@@ -1,0 +1,94 @@
+//! How sure the pixels are: the spread over replicates, and the bias of the voxels' size.
+
+use super::gather::{Volumes, image};
+use crate::scene::Camera;
+use rayon::prelude::*;
+
+/// Mean and standard error of each value over `k` replicates (the replicate fastest).
+pub fn spread(values: &[f32], k: usize) -> (Vec<f32>, Vec<f32>) {
+    values
+        .par_chunks(k)
+        .map(|list| {
+            let mean = list.iter().map(|&x| f64::from(x)).sum::<f64>() / k as f64;
+            let m2 = list.iter().map(|&x| (f64::from(x) - mean).powi(2)).sum::<f64>();
+            let error = if k > 1 { (m2 / (k as f64 * (k as f64 - 1.0))).sqrt() } else { f64::INFINITY };
+            (mean as f32, error as f32)
+        })
+        .unzip()
+}
+
+/// The estimated bias of orders >= 2 in each pixel. The mean over a voxel adds h^2/24 of each second derivative to J, and
+/// linear interpolation h^2/12 more on average: together what one pass of (1/8, 6/8, 1/8) along each axis adds. So the
+/// image of the smoothed volume less that of the volume is the bias, to second order.
+pub fn bias(volumes: &Volumes, source: &[f32], camera: &Camera, pixels: Option<&[usize]>, stop: &(impl Fn() -> bool + Sync)) -> Vec<f32> {
+    let n = volumes.scene.medium.volume.n();
+    let mut difference = smooth(source, n, volumes.channels);
+    difference.par_iter_mut().zip(source).for_each(|(s, j)| *s -= j);
+    let change = Volumes {
+        scene: volumes.scene,
+        lights: Vec::new(),
+        source: Some(&difference),
+        source0: None,
+        channels: volumes.channels,
+    };
+    image(&change, camera, pixels, volumes.channels, stop).order2
+}
+
+/// One pass of (1/8, 6/8, 1/8) along each axis, clamped at the border.
+fn smooth(values: &[f32], n: [usize; 3], channels: usize) -> Vec<f32> {
+    let mut now = values.to_vec();
+    let strides = [channels, channels * n[0], channels * n[0] * n[1]];
+    for axis in 0..3 {
+        let (stride, m) = (strides[axis], n[axis]);
+        let before = now.clone();
+        now.par_iter_mut().enumerate().for_each(|(at, value)| {
+            let i = at / stride % m;
+            let low = before[if i > 0 { at - stride } else { at }];
+            let high = before[if i + 1 < m { at + stride } else { at }];
+            *value = 0.75 * before[at] + 0.125 * (low + high);
+        });
+    }
+    now
+}
+
+/// sqrt(mean(error^2 + bias^2)) / mean(value) of the worst channel, over the places above 5 % of the channel's maximum.
+pub fn relative(values: &[f32], errors: &[f32], bias: Option<&[f32]>, channels: usize) -> f64 {
+    let mut worst = 0.0f64;
+    for c in 0..channels {
+        let pick = |list: &[f32], at: usize| f64::from(list[at * channels + c]);
+        let places = values.len() / channels;
+        let top = (0..places).map(|at| pick(values, at)).fold(0.0, f64::max);
+        let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
+        for at in 0..places {
+            let value = pick(values, at);
+            if value > 0.05 * top {
+                count += 1.0;
+                sum += value;
+                square += pick(errors, at).powi(2) + bias.map_or(0.0, |b| pick(b, at).powi(2));
+            }
+        }
+        if sum > 0.0 {
+            worst = worst.max((square / count).sqrt() / (sum / count));
+        }
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spread_is_the_standard_error_of_the_mean() {
+        let (mean, error) = spread(&[1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0], 4);
+        assert_eq!(mean, vec![2.5, 5.0]);
+        assert!((f64::from(error[0]) - (5.0f64 / 12.0).sqrt()).abs() < 1e-6 && error[1] == 0.0);
+    }
+
+    #[test]
+    fn smoothing_adds_an_eighth_of_the_second_difference() {
+        let squares: Vec<f32> = (0..9).map(|i| (i * i) as f32).collect();
+        let smoothed = smooth(&squares, [9, 1, 1], 1);
+        assert!((smoothed[4] - 16.25).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,403 @@
+//! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
+
+use super::emit::{hit_fraction, mean_density};
+use super::field::V3;
+use super::gather::{Volumes, image};
+use super::light::{Illumination, beam, unscattered, voxel_fluence};
+use super::shoot::LocalEye;
+use super::{Shot, pixel_error};
+use crate::backend::Control;
+use crate::error::{Error, Result};
+use crate::plan::{Direct, Emission, Plan};
+use crate::result::{Energy, Outcome, Share};
+use crate::scene::{Albedo, Light};
+use crate::tally::Moments;
+use rayon::prelude::*;
+
+/// 1 / (4 pi).
+const PER_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
+
+/// The deterministic part: what unscattered light leaves in the voxels.
+struct Direct0 {
+    /// Fluence.
+    fluence: Vec<f32>,
+    /// J towards the eye of all deterministic lights.
+    source: Vec<f32>,
+    /// J towards the eye of beams only, which the gather cannot find by itself.
+    beams: Option<Vec<f32>>,
+    /// Power that collides of lights that shoot no photons, by light and channel: (absorbed, scattered).
+    collided: Vec<[[f64; 3]; 2]>,
+}
+
+/// Sums up a run.
+pub(super) fn settle(
+    plan: &Plan,
+    views: &[Option<Illumination>],
+    mut shot: Shot,
+    control: &Control,
+) -> Result<Outcome> {
+    let channels = plan.channels;
+    let values = plan.scene.medium.volume.voxels() * channels;
+    let energy = balance(plan, views, &shot);
+    let direct = direct(plan, views, control)?;
+    let energy = close(plan, energy, &direct);
+    let count = shot.batches;
+    let tallied = !plan.layers.is_empty() && count > 0;
+
+    let fluence = plan.settings.fluence.then(|| {
+        let mut mean = direct.fluence;
+        let mut error = vec![0.0; values];
+        if tallied {
+            mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m += *x as f32);
+            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
+        }
+        (mean, error)
+    });
+
+    let (mut source, mut source_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
+    if tallied && plan.wants_source() {
+        let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
+        source = Some(moments.mean.par_iter().map(|x| (*x as f32) * scale).collect::<Vec<f32>>());
+        source_error.par_iter_mut().zip(&moments.m2).for_each(|(e, m2)| *e = scale * Moments::error(*m2, count));
+    }
+    shot.fluence = Moments::default();
+    shot.source = Moments::default();
+
+    let radiance = plan.settings.radiance.then(|| {
+        let mut mean = direct.source;
+        if let Some(j) = &source {
+            mean.par_iter_mut().zip(j).for_each(|(m, x)| *m += x);
+        }
+        let mut error = source_error;
+        let albedo = |at: usize| match plan.scene.medium.albedo {
+            Albedo::Constant(a) => a.rgb[at % channels] as f32,
+            Albedo::PerVoxel(a) => a[at / channels],
+        };
+        mean.par_iter_mut().zip(error.par_iter_mut()).enumerate().for_each(|(at, (m, e))| {
+            let albedo = albedo(at);
+            *m *= albedo;
+            *e = if albedo > 0.0 { *e * albedo } else { 0.0 };
+        });
+        (mean, error)
+    });
+
+    let mut source0 = plan.settings.image.then_some(direct.beams).flatten();
+    if tallied && !shot.source0.is_empty() && plan.settings.image {
+        let sampled: Vec<f32> = shot.source0.par_iter().map(|x| (*x / count as f64) as f32).collect();
+        if let Some(j) = &mut source {
+            j.par_iter_mut().zip(&sampled).for_each(|(j, s)| *j = (*j - s).max(0.0));
+        }
+        match &mut source0 {
+            Some(all) => all.par_iter_mut().zip(&sampled).for_each(|(a, s)| *a += s),
+            None => source0 = Some(sampled),
+        }
+    }
+    let source = source.filter(|_| plan.settings.image && shot.has_scattered(plan));
+    let (subvolumes, replicates) = replicates(&mut shot);
+    let mut warnings = plan.warnings.clone();
+    if plan.shoots() && count == 1 {
+        warnings.push("one batch of photons only: standard errors are not known (infinite)".into());
+    }
+    Ok(Outcome {
+        fluence,
+        radiance,
+        source,
+        source0,
+        subvolumes,
+        replicates,
+        columns: Vec::new(),
+        energy,
+        photons: shot.photons,
+        collisions: shot.energies.iter().map(|e| e.0.collisions).sum(),
+        batches: count,
+        seconds: [0.0; 3],
+        stopped: shot.stopped,
+        warnings,
+    })
+}
+
+impl Shot {
+    /// Whether photons of incident orders >= 1 were tallied.
+    fn has_scattered(&self, plan: &Plan) -> bool {
+        use crate::plan::Layer;
+        plan.layers.iter().any(|l| match l {
+            Layer::Inner => plan.scene.medium.phase.is_isotropic(),
+            Layer::Eye => true,
+            _ => false,
+        })
+    }
+}
+
+/// The replicates as means over their batches; `None` if there are fewer than two.
+fn replicates(shot: &mut Shot) -> (Option<Vec<f32>>, usize) {
+    let all = shot.subvolume_batches.len();
+    let used = shot.subvolume_batches.iter().filter(|&&b| b > 0).count();
+    if all == 0 || used < 2 {
+        return (None, 0);
+    }
+    let scales: Vec<f32> = shot.subvolume_batches.iter().map(|&b| if b > 0 { 1.0 / b as f32 } else { 0.0 }).collect();
+    let mut sums = std::mem::take(&mut shot.subvolumes);
+    sums.par_chunks_mut(all).for_each(|list| list.iter_mut().zip(&scales).for_each(|(x, s)| *x *= s));
+    if used < all {
+        // Stopped within the first round: the replicates that got a batch, which are the first.
+        sums = sums.chunks(all).flat_map(|list| list[..used].iter().copied()).collect();
+    }
+    (Some(sums), used)
+}
+
+/// The unscattered light in the voxels.
+fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Result<Direct0> {
+    let scene = plan.scene;
+    let volume = &scene.medium.volume;
+    let (channels, n) = (plan.channels, volume.n());
+    let values = volume.voxels() * channels;
+    let extinction = scene.medium.extinction.rgb.map(|e| e as f32);
+    let h = volume.spacing().map(|c| c as f32);
+    let phase = &scene.medium.phase;
+    let eye = LocalEye::new(plan);
+    let wants_source = plan.settings.radiance;
+    let quiet = plan.lights.iter().any(|l| l.emission == Emission::Nothing);
+    let mut fluence = vec![0.0f32; if plan.settings.fluence { values } else { 0 }];
+    let mut source = vec![0.0f32; if wants_source { values } else { 0 }];
+    let mut collided = vec![[[0.0f64; 3]; 2]; scene.lights.len()];
+    let albedo = |voxel: usize| match scene.medium.albedo {
+        Albedo::Constant(a) => a.rgb,
+        Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
+    };
+    let quadrature: Vec<(usize, &Illumination, usize)> = plan
+        .lights
+        .iter()
+        .zip(views)
+        .enumerate()
+        .filter_map(|(l, (how, view))| match (how.direct, view) {
+            (Direct::Quadrature { points }, Some(view)) => Some((l, view, points)),
+            _ => None,
+        })
+        .collect();
+    if !quadrature.is_empty() && (plan.settings.fluence || wants_source || quiet) {
+        let row = n[0] * channels;
+        let rows = n[1] * n[2];
+        let mut fluence_rows: Vec<Option<&mut [f32]>> = super::pad(fluence.chunks_mut(row), rows);
+        let mut source_rows: Vec<Option<&mut [f32]>> = super::pad(source.chunks_mut(row), rows);
+        let sums: Vec<Vec<[[f64; 3]; 2]>> = fluence_rows
+            .par_iter_mut()
+            .zip(source_rows.par_iter_mut())
+            .enumerate()
+            .map(|(at, (fluence, source))| {
+                let mut sums = vec![[[0.0f64; 3]; 2]; if quiet { scene.lights.len() } else { 0 }];
+                if control.stopped() {
+                    return sums;
+                }
+                let (j, k) = (at % n[1], at / n[1]);
+                for i in 0..n[0] {
+                    let cell = [i as i32, j as i32, k as i32];
+                    let centre = cell.map(|c| c as f32 + 0.5);
+                    for &(l, view, points) in &quadrature {
+                        let phi = voxel_fluence(view, &extinction, points, cell);
+                        if let Some(row) = fluence {
+                            (0..channels).for_each(|c| row[i * channels + c] += phi[c]);
+                        }
+                        if let Some(row) = source {
+                            let toward = eye.from(centre, h);
+                            let p = phase.pdf(cosine(toward, view.incident(centre).direction));
+                            (0..channels).for_each(|c| row[i * channels + c] += phi[c] * p);
+                        }
+                        if quiet {
+                            let density = f64::from(mean_density(volume, [i, j, k])) * volume.voxel_volume();
+                            let albedo = albedo(at * n[0] + i);
+                            for c in 0..3 {
+                                let power = density * scene.medium.extinction.rgb[c] * f64::from(phi[c]);
+                                sums[l][0][c] += power * (1.0 - albedo[c]);
+                                sums[l][1][c] += power * albedo[c];
+                            }
+                        }
+                    }
+                }
+                sums
+            })
+            .collect();
+        for row in sums {
+            for (total, sum) in collided.iter_mut().zip(row) {
+                for (t, s) in total.iter_mut().flatten().zip(sum.iter().flatten()) {
+                    *t += s;
+                }
+            }
+        }
+    }
+    let mut beams: Option<Vec<f32>> = None;
+    for (l, light) in scene.lights.iter().enumerate() {
+        let Light::Pencil { position, direction, power } = light else { continue };
+        let beams = beams.get_or_insert_with(|| vec![0.0f32; if plan.wants_source() { values } else { 0 }]);
+        let cubic = volume.voxel_volume();
+        beam(scene, *position, *direction, |voxel, length| {
+            let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
+            let centre = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
+            let p = phase.pdf(cosine(eye.from(centre, h), direction.map(|c| c as f32)));
+            let density = f64::from(mean_density(volume, [i, j, k]));
+            let albedo = albedo(voxel);
+            for c in 0..3 {
+                let phi = power.rgb[c] * length[c] / cubic;
+                if c < channels {
+                    let at = voxel * channels + c;
+                    if let Some(x) = fluence.get_mut(at) {
+                        *x += phi as f32;
+                    }
+                    if let Some(x) = source.get_mut(at) {
+                        *x += phi as f32 * p;
+                    }
+                    if let Some(x) = beams.get_mut(at) {
+                        *x += phi as f32 * p;
+                    }
+                }
+                let power = density * scene.medium.extinction.rgb[c] * phi * cubic;
+                collided[l][0][c] += power * (1.0 - albedo[c]);
+                collided[l][1][c] += power * albedo[c];
+            }
+        });
+    }
+    if control.stopped() && !plan.shoots() {
+        return Err(Error::Interrupted);
+    }
+    Ok(Direct0 { fluence, source, beams: beams.filter(|b| !b.is_empty()), collided })
+}
+
+#[inline(always)]
+fn cosine(a: V3, b: V3) -> f32 {
+    (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).clamp(-1.0, 1.0)
+}
+
+/// The energy balance [W] without what [`direct`] finds: shares of photons, and what lights send past or through.
+fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
+    let scene = plan.scene;
+    let size = scene.medium.volume.size();
+    let mut energy = Energy::default();
+    let photons: f64 = shot.energies.iter().map(|e| e.2 as f64).sum();
+    for c in 0..plan.channels {
+        let mut totals = Vec::with_capacity(shot.energies.len());
+        for (batch, power, count) in &shot.energies {
+            let mut total = 0.0;
+            for (share, _) in Share::ALL {
+                let watts = batch.get(share, c) * power;
+                energy.fractions[share.index()][c] += watts * *count as f64 / photons;
+                total += watts;
+            }
+            totals.push(total);
+        }
+        let k = totals.len() as f64;
+        if k >= 2.0 {
+            let mean = totals.iter().sum::<f64>() / k;
+            energy.error[c] = (totals.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (k * (k - 1.0))).sqrt();
+        }
+    }
+    for ((light, how), view) in scene.lights.iter().zip(&plan.lights).zip(views) {
+        let emitted = light.launched(size);
+        let (missed, through, error) = match (light, how.emission, view) {
+            (Light::Point { position, .. }, Emission::AtLight, _) => {
+                // Photons are sampled in a cone around the box; all else misses.
+                let local = scene.medium.volume.local(*position);
+                (emitted - super::emit::cone_solid_angle(local, size), [0.0; 3], 0.0)
+            }
+            (Light::Point { position, .. }, _, Some(view)) => {
+                let (through, error) = unscattered(scene, view);
+                (emitted * (1.0 - hit_fraction(scene, *position)), through, error)
+            }
+            (Light::Directional { .. }, Emission::FirstCollision | Emission::Nothing, Some(view)) => {
+                let (through, error) = unscattered(scene, view);
+                (0.0, through, error)
+            }
+            (Light::Pencil { position, direction, .. }, _, _) => {
+                match (beam(scene, *position, *direction, |_, _| {}), how.emission) {
+                    (None, _) => (emitted, [0.0; 3], 0.0),
+                    (Some(_), Emission::AtLight) => (0.0, [0.0; 3], 0.0),
+                    (Some(column), _) => (0.0, scene.medium.extinction.rgb.map(|e| (-e * column).exp()), 0.0),
+                }
+            }
+            _ => (0.0, [0.0; 3], 0.0),
+        };
+        for c in 0..plan.channels {
+            let value = light.value().rgb[c];
+            energy.launched[c] += value * emitted;
+            energy.fractions[Share::Missed.index()][c] += value * missed;
+            energy.fractions[Share::Unscattered.index()][c] += value * through[c];
+            energy.error[c] += value * error;
+        }
+    }
+    energy
+}
+
+/// Adds what collides of lights without photons, and turns watts into fractions.
+fn close(plan: &Plan, mut energy: Energy, direct: &Direct0) -> Energy {
+    for (light, sums) in plan.lights.iter().zip(&direct.collided) {
+        if light.emission == Emission::Nothing {
+            for c in 0..plan.channels {
+                energy.fractions[Share::Absorbed.index()][c] += sums[0][c];
+                energy.fractions[Share::Truncated.index()][c] += sums[1][c];
+            }
+        }
+    }
+    for c in 0..plan.channels {
+        let launched = energy.launched[c];
+        if launched > 0.0 {
+            let sum: f64 = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum();
+            for share in &mut energy.fractions {
+                share[c] /= launched;
+            }
+            // What the balance misses is an error that is known.
+            energy.error[c] = (energy.error[c] / launched).max((sum / launched - 1.0).abs());
+        } else {
+            energy.fractions.iter_mut().for_each(|share| share[c] = 0.0);
+            energy.error[c] = 0.0;
+        }
+    }
+    energy
+}
+
+/// The relative error that `target_error` bounds, as it stands.
+pub(super) fn relative_error(
+    plan: &Plan,
+    views: &[Option<Illumination>],
+    shot: &mut Shot,
+    control: &Control,
+) -> f64 {
+    let channels = plan.channels;
+    if plan.layers.is_empty() || shot.batches < 2 {
+        return 0.0;
+    }
+    let over_pixels = plan.subvolumes > 0 && !(plan.settings.over_voxels && plan.settings.fluence);
+    if !over_pixels {
+        let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
+        let count = shot.batches;
+        let direct = match direct(plan, views, control) {
+            Ok(direct) if !shot.fluence.mean.is_empty() && plan.settings.fluence => direct.fluence,
+            _ => vec![0.0; moments.mean.len()],
+        };
+        let values: Vec<f32> = moments.mean.par_iter().zip(&direct).map(|(m, d)| *m as f32 + d).collect();
+        let errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
+        return pixel_error::relative(&values, &errors, None, channels);
+    }
+    let camera = &plan.scene.camera;
+    let pixels = pixel_sample(camera.resolution);
+    let lights: Vec<Illumination> = views.iter().flatten().cloned().collect();
+    let k = plan.subvolumes;
+    let scales: Vec<f32> = shot.subvolume_batches.iter().map(|&b| 1.0 / b.max(1) as f32).collect();
+    let means: Vec<f32> = shot.subvolumes.par_iter().enumerate().map(|(at, x)| x * scales[at % k]).collect();
+    let volumes = Volumes { scene: plan.scene, lights, source: Some(&means), source0: None, channels };
+    let stop = || control.stopped();
+    let picture = image(&volumes, camera, Some(&pixels), channels * k, &stop);
+    let (more, errors) = pixel_error::spread(&picture.order2, k);
+    let values: Vec<f32> = more.iter().zip(&picture.order1).map(|(a, b)| a + b).collect();
+    let (whole, _) = pixel_error::spread(&means, k);
+    let bias = pixel_error::bias(&volumes, &whole, camera, Some(&pixels), &stop);
+    pixel_error::relative(&values, &errors, Some(&bias), channels)
+}
+
+/// At most 1024 pixels, evenly over the image.
+fn pixel_sample(resolution: [usize; 2]) -> Vec<usize> {
+    let [width, height] = resolution;
+    let step = (((width * height) as f64 / 1024.0).sqrt().ceil() as usize).max(1);
+    let offset = step / 2;
+    (offset.min(height - 1)..height)
+        .step_by(step)
+        .flat_map(|y| (offset.min(width - 1)..width).step_by(step).map(move |x| y * width + x))
+        .collect()
+}

@@ -1,0 +1,344 @@
+//! The photon walk: starts, flights, scatterings, and what they leave in the tallies.
+
+use super::emit::{Emitter, Start};
+use super::field::{Field, V3};
+use super::track::{Flight, Scorer, Tracker, Weights};
+use crate::backend::Control;
+use crate::physics::Phase;
+use crate::physics::frame::rotate;
+use crate::physics::rng::{Draws, uniform, uniform64};
+use crate::plan::{Plan, Route};
+use crate::result::{EXIT_FACES, Share};
+use crate::scene::camera::Eye;
+use crate::scene::{Albedo, Light};
+use crate::tally::Bins;
+use rayon::prelude::*;
+
+/// Fixed-point unit of energies: weights of 1 are 2^36 units, so that 2^26 of them stay within 63 bits.
+const ENERGY_UNIT: f32 = 68_719_476_736.0;
+/// Photons per task; a task is what one thread walks without looking up.
+const TASK: u64 = 1024;
+/// Collisions between looks at the clock and the stop flag within one photon.
+const PATIENCE: u32 = 1 << 14;
+/// Below this weight a photon plays roulette, and survives with the chance `SURVIVAL`.
+const ROULETTE: f32 = 0.1;
+const SURVIVAL: f32 = 0.2;
+
+/// What happened to the energy of the photons of a task or batch, in fixed point: sums are the same in any order.
+#[derive(Debug, Clone, Copy)]
+pub struct Energies {
+    shares: [[i64; 3]; Share::COUNT],
+    /// Real collisions.
+    pub collisions: u64,
+}
+
+impl Default for Energies {
+    fn default() -> Self {
+        Energies { shares: [[0; 3]; Share::COUNT], collisions: 0 }
+    }
+}
+
+impl Energies {
+    #[inline(always)]
+    fn add<const C: usize>(&mut self, share: Share, weight: [f32; C]) {
+        for c in 0..C {
+            self.shares[share.index()][c] += (weight[c] * ENERGY_UNIT) as i64;
+        }
+    }
+
+    fn merge(mut self, other: Self) -> Self {
+        for (mine, theirs) in self.shares.iter_mut().flatten().zip(other.shares.iter().flatten()) {
+            *mine += theirs;
+        }
+        self.collisions += other.collisions;
+        self
+    }
+
+    /// The sum in a share and channel, in weights.
+    pub fn get(&self, share: Share, channel: usize) -> f64 {
+        self.shares[share.index()][channel] as f64 / f64::from(ENERGY_UNIT)
+    }
+}
+
+/// What all photons of a run share.
+pub struct Walk<'a, T> {
+    /// The plan.
+    pub plan: &'a Plan<'a>,
+    /// The tracker.
+    pub tracker: T,
+    /// Emitters, each with its light.
+    pub emitters: &'a [(Emitter<'a>, Light)],
+    /// One set of bins per tally layer.
+    pub bins: &'a [Bins],
+    /// Bin units per weight * length.
+    pub unit: f32,
+}
+
+/// The numbers of photons that the emitters get of `photons`: proportional to power, one at least, rounded so that the
+/// sum is right.
+pub fn allot(powers: &[f64], photons: u64) -> Vec<u64> {
+    let total: f64 = powers.iter().sum();
+    let spare = photons - powers.len() as u64;
+    let mut given = Vec::with_capacity(powers.len());
+    let (mut cumulative, mut before) = (0.0, 0);
+    for power in powers {
+        cumulative += power;
+        let upto = ((cumulative / total * spare as f64).round() as u64).min(spare);
+        given.push(1 + upto - before);
+        before = upto;
+    }
+    if let Some(last) = given.last_mut() {
+        *last += spare - before;
+    }
+    given
+}
+
+impl<T> Walk<'_, T> {
+    /// Walks the photons of one batch, `first` being the number of its first; `None` if it was stopped.
+    pub fn batch<const C: usize>(&self, first: u64, photons: u64, control: &Control, urgent: bool) -> Option<Energies>
+    where
+        T: Tracker<C>,
+    {
+        let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
+        let counts = allot(&powers, photons);
+        let reference = powers.iter().sum::<f64>() / photons as f64;
+        let mut ranges = Vec::new();
+        let mut from = 0;
+        for ((emitter, light), count) in self.emitters.iter().zip(counts) {
+            let scale = (emitter.power / count as f64 / reference) as f32;
+            for at in (0..count).step_by(TASK as usize) {
+                ranges.push((emitter, light, scale, from, count, at..(at + TASK).min(count)));
+            }
+            from += count;
+        }
+        let halted = || control.stopped() || (urgent && control.late());
+        let energies = ranges
+            .into_par_iter()
+            .map(|(emitter, light, scale, from, count, range)| {
+                let mut energies = Energies::default();
+                if halted() {
+                    return energies;
+                }
+                for j in range {
+                    let mut draws = Draws::new(self.plan.settings.seed, first + from + j, 0);
+                    let u = (j as f64 + uniform64(draws.next4()[0])) / count as f64;
+                    let start = emitter.start(light, u, &mut draws);
+                    self.photon::<C>(emitter, start, scale, &mut draws, &mut energies, &halted);
+                }
+                energies
+            })
+            .reduce(Energies::default, Energies::merge);
+        (!halted()).then_some(energies)
+    }
+
+    /// Walks one photon to its end.
+    #[inline(always)]
+    fn photon<const C: usize>(
+        &self,
+        emitter: &Emitter,
+        start: Start,
+        scale: f32,
+        draws: &mut Draws,
+        energies: &mut Energies,
+        halted: &impl Fn() -> bool,
+    ) where
+        T: Tracker<C>,
+    {
+        let plan = self.plan;
+        let phase = &plan.scene.medium.phase;
+        let last = plan.walked_orders();
+        let medium = Medium::new(plan);
+        let colour: [f32; C] = std::array::from_fn(|c| emitter.colour[c] * scale);
+        let hero = if plan.chromatic { draws.next4()[0] } else { 0 };
+        let mut order = 0u32;
+        let mut collisions = 0u32;
+        let (mut w, mut p, mut direction, mut at_collision) = match start {
+            Start::Miss => return energies.add(Share::Missed, colour),
+            Start::Flight { p, direction } => (Weights::new(colour, hero), p, direction, false),
+            Start::Collision { p, direction, weight } => {
+                let weight = std::array::from_fn(|c| weight[c] * scale);
+                (Weights::new(weight, hero), p, direction, true)
+            }
+        };
+        let mut scorer = Scores {
+            bins: self.bins,
+            unit: self.unit,
+            route: (None, None),
+            phase,
+            direction,
+            eye: medium.eye,
+            h: medium.h,
+        };
+        loop {
+            if !at_collision {
+                scorer.direction = direction;
+                scorer.route = match order {
+                    0 if emitter.tallies_unscattered => plan.routes[0],
+                    0 => (None, None),
+                    n if n == last => plan.routes[2],
+                    _ => plan.routes[1],
+                };
+                let v = std::array::from_fn(|a| direction[a] * medium.inverse_h[a]);
+                match self.tracker.fly(p, v, &mut w, draws, &mut scorer) {
+                    Flight::Exit(face) => {
+                        let share = if order == 0 { Share::Unscattered } else { EXIT_FACES[face] };
+                        energies.add(share, w.get());
+                        break;
+                    }
+                    Flight::Collision(at) => p = at,
+                }
+            }
+            at_collision = false;
+            collisions += 1;
+            let words = draws.next4();
+            let before = w.get();
+            let albedo: [f32; C] = medium.albedo(p, words[2]);
+            for c in 0..C {
+                w.value[c] *= albedo[c];
+            }
+            let after = w.get();
+            energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| before[c] - after[c]));
+            let top = after.iter().fold(0.0, |m: f32, &x| m.max(x));
+            if top <= 0.0 {
+                break;
+            }
+            if order >= last {
+                energies.add(Share::Truncated, after);
+                break;
+            }
+            order += 1;
+            if last == u32::MAX && top < ROULETTE {
+                if uniform(words[3]) > SURVIVAL {
+                    energies.add(Share::Roulette, after);
+                    break;
+                }
+                w.value = w.value.map(|x| x * (1.0 / SURVIVAL));
+                let grown = w.get();
+                energies.add::<C>(Share::Roulette, std::array::from_fn(|c| after[c] - grown[c]));
+            }
+            let (cos_theta, sin_theta) = phase.sample(uniform(words[0]));
+            direction = rotate(direction, cos_theta, sin_theta, uniform(words[1]));
+            if collisions % PATIENCE == 0 && halted() {
+                break;
+            }
+        }
+        energies.collisions += u64::from(collisions);
+    }
+}
+
+/// What a photon needs of the medium at a collision.
+struct Medium<'a> {
+    constant: [f32; 3],
+    field: Option<Field<'a>>,
+    h: V3,
+    inverse_h: V3,
+    eye: LocalEye,
+}
+
+impl<'a> Medium<'a> {
+    #[inline(always)]
+    fn new(plan: &'a Plan<'a>) -> Self {
+        let medium = &plan.scene.medium;
+        let h = medium.volume.spacing();
+        let (constant, field) = match medium.albedo {
+            Albedo::Constant(a) => (a.rgb.map(|x| x as f32), None),
+            Albedo::PerVoxel(values) => ([0.0; 3], Some(Field::new(values, &medium.volume))),
+        };
+        Medium {
+            constant,
+            field,
+            h: h.map(|c| c as f32),
+            inverse_h: h.map(|c| (1.0 / c) as f32),
+            eye: LocalEye::new(plan),
+        }
+    }
+
+    /// The albedo at a point; a per-voxel one by a read whose mean it is, which is unbiased as weights are linear in it.
+    #[inline(always)]
+    fn albedo<const C: usize>(&self, p: V3, word: u32) -> [f32; C] {
+        match &self.field {
+            None => std::array::from_fn(|c| self.constant[c]),
+            Some(field) => [field.one_read(p, word); C],
+        }
+    }
+}
+
+/// The eye in voxel coordinates.
+#[derive(Debug, Clone, Copy)]
+pub enum LocalEye {
+    /// A point.
+    Point(V3),
+    /// A direction towards it.
+    Direction(V3),
+}
+
+impl LocalEye {
+    /// The eye of the plan's camera.
+    pub fn new(plan: &Plan) -> Self {
+        let volume = &plan.scene.medium.volume;
+        match plan.scene.camera.eye() {
+            Eye::Point(world) => {
+                let (p, h) = (volume.local(world), volume.spacing());
+                LocalEye::Point(std::array::from_fn(|a| (p[a] / h[a]) as f32))
+            }
+            Eye::Direction(d) => LocalEye::Direction(d.map(|c| c as f32)),
+        }
+    }
+
+    /// The unit vector from a point towards the eye.
+    #[inline(always)]
+    pub fn from(&self, p: V3, h: V3) -> V3 {
+        match self {
+            LocalEye::Direction(d) => *d,
+            LocalEye::Point(eye) => {
+                let r: V3 = std::array::from_fn(|a| (eye[a] - p[a]) * h[a]);
+                let norm = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt().max(1e-30);
+                r.map(|c| c / norm)
+            }
+        }
+    }
+}
+
+/// Scores a flight into the layers that its order goes to.
+struct Scores<'a> {
+    bins: &'a [Bins],
+    unit: f32,
+    route: Route,
+    phase: &'a Phase,
+    direction: V3,
+    eye: LocalEye,
+    h: V3,
+}
+
+impl<const C: usize> Scorer<C> for Scores<'_> {
+    #[inline(always)]
+    fn score(&mut self, index: usize, p: V3, value: [f32; C], xi: f32) {
+        if let Some(layer) = self.route.0 {
+            for c in 0..C {
+                self.bins[layer].add(index * C + c, value[c] * self.unit, xi);
+            }
+        }
+        if let Some(layer) = self.route.1 {
+            let to_eye = self.eye.from(p, self.h);
+            let cos_theta = (0..3).map(|a| to_eye[a] * self.direction[a]).sum::<f32>().clamp(-1.0, 1.0);
+            let seen = self.phase.pdf(cos_theta) * self.unit;
+            for c in 0..C {
+                self.bins[layer].add(index * C + c, value[c] * seen, xi);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn allotted_photons_add_up() {
+        for (powers, photons) in [(vec![1.0, 2.0, 3.0], 1000), (vec![1e-9, 1.0], 2), (vec![5.0], 17), (vec![1.0; 7], 100)] {
+            let given = allot(&powers, photons);
+            assert_eq!(given.iter().sum::<u64>(), photons);
+            assert!(given.iter().all(|&g| g > 0));
+        }
+    }
+}

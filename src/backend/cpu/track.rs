@@ -1,0 +1,345 @@
+//! Trackers: from one point of a photon's way to its next collision, or out of the box.
+
+use super::field::{Dda, Field, V3, along, local};
+use crate::physics::flight::box_range;
+use crate::physics::rng::{Draws, exponential, uniform};
+use crate::plan::{MajorantGrid, Score};
+
+/// The weights of a photon in `C` channels. With unequal extinctions, one channel (the hero) decides the flight, and the
+/// balance heuristic over the three that might have decided keeps every channel unbiased with bounded weights
+/// (Miller, Georgiev, Jarosz, *A null-scattering path integral formulation of light transport*, SIGGRAPH 2019).
+#[derive(Debug, Clone, Copy)]
+pub struct Weights<const C: usize> {
+    /// Weight without the flights: what albedo, emission and roulette made of it.
+    pub value: [f32; C],
+    /// Chance of the flights so far under each channel's extinction, over the mean of these chances.
+    pub chance: [f32; C],
+    /// The channel that decides.
+    pub hero: usize,
+}
+
+impl<const C: usize> Weights<C> {
+    /// A photon that has not flown yet; `word` chooses the hero.
+    #[inline(always)]
+    pub fn new(value: [f32; C], word: u32) -> Self {
+        Weights { value, chance: [1.0; C], hero: ((u64::from(word) * C as u64) >> 32) as usize }
+    }
+
+    /// The unbiased weight in each channel.
+    #[inline(always)]
+    pub fn get(&self) -> [f32; C] {
+        std::array::from_fn(|c| self.value[c] * self.chance[c])
+    }
+
+    /// Takes in an event of the given chance (any common scale) under each channel.
+    #[inline(always)]
+    fn observe(&mut self, chance: [f32; C]) {
+        let mut sum = 0.0;
+        for c in 0..C {
+            self.chance[c] *= chance[c];
+            sum += self.chance[c];
+        }
+        let scale = C as f32 / sum.max(1e-30);
+        self.chance = self.chance.map(|x| x * scale);
+    }
+}
+
+/// How a flight ends.
+#[derive(Debug, Clone, Copy)]
+pub enum Flight {
+    /// At a point of the medium.
+    Collision(V3),
+    /// Through a face of the box.
+    Exit(usize),
+}
+
+/// Where flights leave their scores: `weight * length` at a point of a voxel.
+pub trait Scorer<const C: usize> {
+    /// Adds to the voxel `index`, around the point `p`; `xi` within [0, 1) rounds.
+    fn score(&mut self, index: usize, p: V3, value: [f32; C], xi: f32);
+}
+
+/// Takes a photon to its next collision.
+pub trait Tracker<const C: usize>: Sync {
+    /// Flies from `p` along `v`, scoring on the way.
+    fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight;
+}
+
+/// A rounding number within [0, 1) from bits that nothing else reads.
+#[inline(always)]
+fn rounding(word: u32) -> f32 {
+    (word >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Voxel by voxel along a line from t0 to t1, scoring weight times length.
+#[inline(always)]
+fn score_track<const C: usize, S: Scorer<C>>(
+    n: [i32; 3],
+    p: V3,
+    v: V3,
+    (t0, t1): (f32, f32),
+    w: [f32; C],
+    word: u32,
+    scorer: &mut S,
+) {
+    let from = along(p, v, t0);
+    let mut cells = Dda::new(from, v, [0; 3], n);
+    let (mut t, end) = (0.0f32, t1 - t0);
+    let mut word = word;
+    loop {
+        let (axis, exit) = cells.exit();
+        let stop = exit.min(end);
+        if stop > t {
+            let index = ((cells.cell[2] * n[1] + cells.cell[1]) as usize) * n[0] as usize + cells.cell[0] as usize;
+            word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            scorer.score(index, along(from, v, 0.5 * (t + stop)), w.map(|x| x * (stop - t)), rounding(word));
+            t = stop;
+        }
+        if exit >= end || !cells.advance(axis) {
+            return;
+        }
+    }
+}
+
+/// Null collisions against the majorant grid.
+pub struct Woodcock<'a, const CHROMATIC: bool> {
+    /// The density.
+    pub field: Field<'a>,
+    /// Majorants, already times the largest extinction and rounded up.
+    pub majorant: Vec<f32>,
+    /// Cells along x, y, z.
+    pub cells: [i32; 3],
+    /// Voxels per cell and axis.
+    pub block: i32,
+    /// Largest extinction.
+    pub extinction: f32,
+    /// Extinction of each channel over the largest.
+    pub ratio: [f32; 3],
+    /// Whether voxels are scored.
+    pub scores: bool,
+}
+
+impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
+    /// From the plan's grid.
+    pub fn new(field: Field<'a>, grid: &MajorantGrid, extinction: [f64; 3], scores: bool) -> Self {
+        let top = extinction.iter().fold(0.0f64, |m, &e| m.max(e));
+        let majorant = grid.density.iter().map(|&d| (f64::from(d) * top * (1.0 + 1e-6)) as f32).collect();
+        Woodcock {
+            field,
+            majorant,
+            cells: grid.n.map(|m| m as i32),
+            block: grid.block as i32,
+            extinction: top as f32,
+            ratio: extinction.map(|e| if top > 0.0 { (e / top) as f32 } else { 0.0 }),
+            scores,
+        }
+    }
+}
+
+impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATIC> {
+    #[inline(always)]
+    fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight {
+        let scale = 1.0 / self.block as f32;
+        let mut cells = Dda::new(p.map(|c| c * scale), v.map(|c| c * scale), [0; 3], self.cells);
+        let mut words = draws.next4();
+        let mut free = exponential(words[0], draws);
+        let mut t = 0.0f32;
+        loop {
+            let c = cells.cell;
+            let majorant = self.majorant[((c[2] * self.cells[1] + c[1]) * self.cells[0] + c[0]) as usize];
+            let (axis, exit) = cells.exit();
+            if majorant > 0.0 {
+                let inverse = 1.0 / majorant;
+                loop {
+                    let next = t + free * inverse;
+                    if next >= exit {
+                        free -= (exit - t).max(0.0) * majorant;
+                        free = free.max(0.0);
+                        break;
+                    }
+                    t = next;
+                    // A tentative collision. Kept within the cell's voxels, whose densities the majorant bounds.
+                    let at: V3 = std::array::from_fn(|a| {
+                        let low = (c[a] * self.block) as f32;
+                        let high = ((c[a] + 1) * self.block).min(self.field.n()[a]) as f32;
+                        (p[a] + v[a] * t).clamp(low, high * (1.0 - 6e-8))
+                    });
+                    if self.scores {
+                        let voxel = self.field.index(at.map(|x| x as i32));
+                        scorer.score(voxel, at, w.get().map(|x| x * inverse), rounding(words[3]));
+                    }
+                    let accept = self.field.one_read(at, words[1]) * self.extinction * inverse;
+                    let xi = uniform(words[2]);
+                    if CHROMATIC {
+                        if xi <= accept * self.ratio[w.hero] {
+                            w.observe(std::array::from_fn(|c| self.ratio[c]));
+                            return Flight::Collision(at);
+                        }
+                        w.observe(std::array::from_fn(|c| (1.0 - accept * self.ratio[c]).max(0.0)));
+                    } else if xi <= accept {
+                        return Flight::Collision(at);
+                    }
+                    words = draws.next4();
+                    free = exponential(words[0], draws);
+                }
+            } else if self.scores && exit > t {
+                score_track(self.field.n(), p, v, (t, exit), w.get(), words[3], scorer);
+            }
+            t = t.max(exit);
+            if !cells.advance(axis) {
+                return Flight::Exit(cells.face(axis));
+            }
+        }
+    }
+}
+
+/// Inversion of the running optical depth, exact in voxels of constant density and between voxel centres.
+pub struct March<'a, const CHROMATIC: bool> {
+    /// The density.
+    pub field: Field<'a>,
+    /// Extinction per unit of density in each channel.
+    pub extinction: [f32; 3],
+    /// Whether voxels are scored.
+    pub scores: bool,
+}
+
+impl<const CHROMATIC: bool> March<'_, CHROMATIC> {
+    /// The weights after the column density `column` without a collision.
+    #[inline(always)]
+    fn survived<const C: usize>(&self, w: &Weights<C>, column: f32) -> Weights<C> {
+        let mut after = *w;
+        let hero = self.extinction[w.hero];
+        // Relative to the hero, whose own chance cancels; kept from overflow where others survive far better.
+        after.observe(std::array::from_fn(|c| ((hero - self.extinction[c]) * column).min(60.0).exp()));
+        after
+    }
+}
+
+impl<const C: usize, const CHROMATIC: bool> Tracker<C> for March<'_, CHROMATIC> {
+    #[inline(always)]
+    fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight {
+        let n = self.field.n();
+        let linear = self.field.linear();
+        let words = draws.next4();
+        let mut word = words[1];
+        let extinction = if CHROMATIC { self.extinction[w.hero] } else { self.extinction[0] };
+        let free = exponential(words[0], draws);
+        // With interpolation the walk steps over half voxels: each lies in one voxel and in one cell between centres.
+        let (scale, per_voxel) = if linear { (2.0, 2) } else { (1.0, 1) };
+        let mut cells = Dda::new(p.map(|c| c * scale), v.map(|c| c * scale), [0; 3], n.map(|m| m * per_voxel));
+        let (mut t, mut column) = (0.0f32, 0.0f32);
+        loop {
+            let (axis, exit) = cells.exit();
+            let voxel = cells.cell.map(|c| c / per_voxel);
+            let length = (exit - t).max(0.0);
+            let (piece, collision) = if linear {
+                let between = cells.cell.map(|c| (c - 1).div_euclid(2));
+                let corners = self.field.corners(between);
+                let value = |t: f32| corners.at(local(along(p, v, t), between));
+                let piece = (value(t) + 4.0 * value(t + 0.5 * length) + value(t + length)) * (length * (1.0 / 6.0));
+                let left = free - column * extinction;
+                let hit = piece * extinction >= left && piece > 0.0 && length > 0.0;
+                let at = hit.then(|| self.field.invert(&corners, between, p, v, t, exit, left.max(0.0) / extinction));
+                (piece, at)
+            } else {
+                let density = self.field.voxel(voxel);
+                let left = free - column * extinction;
+                let hit = density * length * extinction >= left && density > 0.0 && length > 0.0;
+                (density * length, hit.then(|| (t + left.max(0.0) / (density * extinction)).min(exit)))
+            };
+            let stop = collision.unwrap_or(exit.max(t));
+            if self.scores && stop > t {
+                word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+                let middle = along(p, v, 0.5 * (t + stop));
+                let weight = if CHROMATIC {
+                    // The weight changes along the piece: taken at a random point of it, which is unbiased.
+                    let part = rounding(word.rotate_left(16)) * (stop - t) / length.max(1e-30);
+                    self.survived(w, column + self.partial(&cells, p, v, (t, exit), part, piece)).get()
+                } else {
+                    w.get()
+                };
+                scorer.score(self.field.index(voxel), middle, weight.map(|x| x * (stop - t)), rounding(word));
+            }
+            if let Some(at) = collision {
+                if CHROMATIC {
+                    *w = self.survived(w, free / extinction);
+                    w.observe(std::array::from_fn(|c| self.extinction[c] / extinction));
+                }
+                let end: V3 = std::array::from_fn(|a| (p[a] + v[a] * at).clamp(0.0, n[a] as f32 * (1.0 - 6e-8)));
+                return Flight::Collision(end);
+            }
+            column += piece;
+            t = t.max(exit);
+            if !cells.advance(axis) {
+                if CHROMATIC {
+                    *w = self.survived(w, column);
+                }
+                return Flight::Exit(cells.face(axis));
+            }
+        }
+    }
+}
+
+impl<const CHROMATIC: bool> March<'_, CHROMATIC> {
+    /// The column density over the first `part` of the piece from t0 to t1, whose whole is `piece`.
+    #[inline(always)]
+    fn partial(&self, cells: &Dda, p: V3, v: V3, (t0, t1): (f32, f32), part: f32, piece: f32) -> f32 {
+        if !self.field.linear() {
+            return piece * part;
+        }
+        let between = cells.cell.map(|c| (c - 1).div_euclid(2));
+        let corners = self.field.corners(between);
+        let value = |t: f32| corners.at(local(along(p, v, t), between));
+        let end = t0 + part * (t1 - t0);
+        (value(t0) + 4.0 * value(0.5 * (t0 + end)) + value(end)) * ((end - t0) * (1.0 / 6.0))
+    }
+}
+
+/// Free flights in closed form through a homogeneous box.
+pub struct Analytic {
+    /// Voxels along x, y, z.
+    pub n: [i32; 3],
+    /// The extinction coefficient.
+    pub sigma_t: f32,
+    /// How flights score.
+    pub score: Score,
+    /// Whether voxels are scored.
+    pub scores: bool,
+}
+
+impl<const C: usize> Tracker<C> for Analytic {
+    #[inline(always)]
+    fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight {
+        let words = draws.next4();
+        let (mut axis, mut exit) = (0, f32::INFINITY);
+        for a in 0..3 {
+            let edge = if v[a] > 0.0 { self.n[a] as f32 } else { 0.0 };
+            let t = if v[a] != 0.0 { ((edge - p[a]) / v[a]).max(0.0) } else { f32::INFINITY };
+            if t < exit {
+                (axis, exit) = (a, t);
+            }
+        }
+        let free = exponential(words[0], draws) / self.sigma_t.max(1e-30);
+        let stop = free.min(exit);
+        if self.scores && self.score == Score::Track {
+            score_track(self.n, p, v, (0.0, stop), w.get(), words[3], scorer);
+        }
+        if free >= exit {
+            return Flight::Exit(2 * axis + usize::from(v[axis] > 0.0));
+        }
+        let at: V3 = std::array::from_fn(|a| (p[a] + v[a] * free).clamp(0.0, self.n[a] as f32 * (1.0 - 6e-8)));
+        if self.scores && self.score == Score::Collisions {
+            let c = at.map(|x| x as i32);
+            let index = ((c[2] * self.n[1] + c[1]) as usize) * self.n[0] as usize + c[0] as usize;
+            scorer.score(index, at, w.get().map(|x| x / self.sigma_t), rounding(words[3]));
+        }
+        Flight::Collision(at)
+    }
+}
+
+/// Where a line from outside (or inside) first is in the box, in voxel coordinates: entry parameter and length within.
+pub fn enter(p: [f64; 3], v: [f64; 3], n: [i32; 3]) -> Option<(f64, f64)> {
+    let (t0, t1) = box_range(p, v, n.map(f64::from))?;
+    let t0 = t0.max(0.0);
+    (t1 > t0).then_some((t0, t1))
+}

@@ -1,0 +1,65 @@
+//! What runs a plan. The CPU is the only backend yet.
+
+pub mod cpu;
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+/// How a run is watched and stopped from outside while it works.
+#[derive(Debug)]
+pub struct Control {
+    stop: AtomicBool,
+    fraction: AtomicU64,
+    photons: AtomicU64,
+    started: Instant,
+    deadline: Option<Duration>,
+}
+
+impl Control {
+    /// A run that starts now and stops at the latest after `limit` seconds.
+    pub fn new(limit: Option<f64>) -> Self {
+        Control {
+            stop: AtomicBool::new(false),
+            fraction: AtomicU64::new(0),
+            photons: AtomicU64::new(0),
+            started: Instant::now(),
+            deadline: limit.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
+        }
+    }
+
+    /// Asks the run to stop soon.
+    pub fn stop(&self) {
+        self.stop.store(true, Relaxed);
+    }
+
+    /// Whether it was asked to stop.
+    pub fn stopped(&self) -> bool {
+        self.stop.load(Relaxed)
+    }
+
+    /// Whether its time is over.
+    pub fn late(&self) -> bool {
+        self.deadline.is_some_and(|d| self.started.elapsed() >= d)
+    }
+
+    /// The part of its time that has passed; 0 without a limit.
+    pub fn time_fraction(&self) -> f64 {
+        self.deadline.map_or(0.0, |d| (self.started.elapsed().as_secs_f64() / d.as_secs_f64()).min(1.0))
+    }
+
+    /// Seconds since the start.
+    pub fn seconds(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// Says how far the run is.
+    pub fn report(&self, fraction: f64, photons: u64) {
+        self.fraction.store(fraction.to_bits(), Relaxed);
+        self.photons.store(photons, Relaxed);
+    }
+
+    /// (fraction done, photons so far).
+    pub fn progress(&self) -> (f64, u64) {
+        (f64::from_bits(self.fraction.load(Relaxed)), self.photons.load(Relaxed))
+    }
+}

@@ -1,0 +1,11 @@
+//! Pure, allocation-free formulas, generic over [`Real`]: `f64` is the truth, `f32` and [`Lanes`] are what kernels run.
+//! Randomness enters as uniform numbers `xi`; nothing here knows of scenes, grids or threads.
+
+pub mod flight;
+pub mod frame;
+pub mod phase;
+pub mod real;
+pub mod rng;
+
+pub use phase::Phase;
+pub use real::{Lanes, Real};

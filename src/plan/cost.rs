@@ -1,0 +1,159 @@
+//! What a plan costs: bytes and seconds, estimated before anything runs.
+
+use super::{Column, Direct, Emission, MajorantGrid, Plan, Tracker};
+use crate::error::{Error, Result};
+use crate::scene::{Light, Scene};
+
+/// Bytes by part.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// (part, bytes), the input first.
+    pub parts: Vec<(&'static str, u64)>,
+}
+
+impl Memory {
+    /// The sum of all parts.
+    pub fn total(&self) -> u64 {
+        self.parts.iter().map(|p| p.1).sum()
+    }
+}
+
+/// The memory that a plan takes.
+pub fn memory(plan: &Plan) -> Memory {
+    let volume = &plan.scene.medium.volume;
+    let voxels = volume.voxels() as u64;
+    let values = voxels * plan.channels as u64;
+    let corners: u64 = volume.n().iter().map(|&m| m as u64 + 1).product();
+    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light)).count() as u64;
+    let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
+    let wants_fluence = u64::from(plan.settings.fluence);
+    let wants_source = u64::from(plan.wants_source());
+    let moments = if !plan.shoots() {
+        0
+    } else if plan.one_moment() {
+        1
+    } else {
+        wants_fluence + wants_source
+    };
+    let mut parts = vec![
+        ("density (input)", voxels * 4),
+        ("tally bins", values * 4 * plan.layers.len() as u64),
+        ("moments", values * 12 * moments),
+        ("replicate volumes", values * 4 * plan.subvolumes as u64),
+        ("light grids", corners * 4 * grids),
+        ("first collisions", voxels * 4 * first),
+        ("results", values * 4 * (wants_fluence * 2 + wants_source * 3)),
+    ];
+    if let Some(grid) = &plan.majorant {
+        parts.push(("majorant grid", grid.density.len() as u64 * 4));
+    }
+    parts.retain(|p| p.1 > 0);
+    Memory { parts }
+}
+
+/// Whether a light keeps a grid of column densities at voxel corners.
+pub fn uses_corners(plan: &super::LightPlan, light: &Light) -> bool {
+    matches!(light, Light::Point { .. } | Light::Directional { .. })
+        && (plan.column == Column::Corners || plan.emission == Emission::FirstCollision)
+}
+
+/// Refuses a plan that does not fit, unless forced.
+pub fn check_memory(plan: &Plan) -> Result<()> {
+    let (need, free) = (plan.memory.total(), available());
+    match free {
+        Some(free) if need > free && !plan.settings.force => {
+            let largest = plan.memory.parts.iter().max_by_key(|p| p.1).map_or("", |p| p.0);
+            Err(Error::VolumeTooLarge(format!(
+                "the run needs {:.2} GiB (most for {largest}), {:.2} GiB are free; errors=False spares the replicate \
+                 volumes, outputs=(\"image\",) the voxel outputs, force=True runs all the same",
+                gib(need),
+                gib(free)
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses an image that does not fit: `values` numbers per pixel.
+pub fn check_image(pixels: u64, values: u64) -> Result<()> {
+    let need = pixels * values * 4;
+    match available() {
+        Some(free) if need > free => Err(Error::VolumeTooLarge(format!(
+            "an image of {pixels} pixels needs {:.2} GiB, {:.2} GiB are free",
+            gib(need),
+            gib(free)
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn gib(bytes: u64) -> f64 {
+    bytes as f64 / (1u64 << 30) as f64
+}
+
+/// Memory that the system says is available, where it says so.
+fn available() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find(|l| l.starts_with("MemAvailable:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}
+
+/// Number of threads that a run uses.
+pub fn threads(given: Option<usize>) -> usize {
+    given.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get))
+}
+
+/// Photons per second that the walk is expected to make: the mean chord's optical depth gives the flights, the tracker
+/// the cost of each.
+pub fn photons_per_second(
+    scene: &Scene,
+    orders: u32,
+    tracker: Tracker,
+    grid: Option<&MajorantGrid>,
+    given: Option<usize>,
+) -> f64 {
+    let medium = &scene.medium;
+    let volume = &medium.volume;
+    let chord = 4.0 * volume.size().iter().product::<f64>() / volume.surface();
+    let depth = medium.extinction.max() * volume.mean() * chord;
+    let escape = (-depth).exp().max(1.0 / (1.0 + depth * depth));
+    let flights = (1.0 / (1.0 - medium.max_albedo() * (1.0 - escape)).max(1e-6)).min(f64::from(orders) + 1.0);
+    let h = 3.0 / volume.spacing().iter().map(|h| 1.0 / h).sum::<f64>();
+    let voxels = (chord / h).min(1.0 / (medium.extinction.max() * volume.mean()).max(1e-30) / h);
+    let flight = match (tracker, grid) {
+        (Tracker::Analytic, _) => 30.0,
+        (Tracker::March, _) => 30.0 + voxels * if volume.linear() { 40.0 } else { 8.0 },
+        (Tracker::Woodcock, Some(g)) => {
+            let mean = g.density.iter().map(|&d| f64::from(d)).sum::<f64>() / g.density.len() as f64;
+            30.0 + voxels * (10.0 / g.block as f64 + 25.0 * mean * medium.extinction.max() * h)
+        }
+        (Tracker::Woodcock, None) => 30.0,
+    };
+    threads(given) as f64 * 1e9 / (60.0 + flights * (40.0 + flight))
+}
+
+/// Seconds that the run is expected to take; with a target error it is not known before, and the least is given.
+pub fn seconds(plan: &Plan) -> f64 {
+    let volume = &plan.scene.medium.volume;
+    let threads = threads(plan.settings.threads) as f64;
+    let side = volume.n().iter().map(|&m| m as f64).fold(0.0, f64::max);
+    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light)).count() as f64;
+    let points: f64 = plan
+        .lights
+        .iter()
+        .map(|l| match (l.direct, l.column) {
+            (Direct::Quadrature { points }, Column::Rays) => (points * points * points) as f64,
+            _ => 0.0,
+        })
+        .sum();
+    let light = volume.voxels() as f64 * side * 0.5 * 6e-9 * (grids + points) / threads;
+    let batches = plan.batches.unwrap_or(plan.subvolumes.max(16) as u64);
+    let photons = (plan.batch_photons * batches) as f64 / plan.photons_per_second;
+    let folds = batches as f64 * volume.voxels() as f64 * plan.channels as f64 * 5e-9 / threads;
+    let run = light + photons + if plan.shoots() { folds } else { 0.0 };
+    match (plan.batches, plan.settings.time_limit) {
+        (None, Some(limit)) => run.max(limit),
+        _ => run,
+    }
+}

@@ -1,0 +1,531 @@
+//! The plan: pure data that says which kernels run on which tables, and why. Everything that the kind of scene decides is
+//! decided here, once; the backends only follow.
+
+pub mod cost;
+pub mod majorant;
+pub mod settings;
+
+pub use majorant::MajorantGrid;
+pub use settings::{Method, Settings, Tracker};
+
+use crate::error::{Result, scene_error};
+use crate::scene::{Light, Scene};
+use cost::Memory;
+
+/// A decision with its reason, as EXPLAIN prints them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Decision {
+    /// What was decided.
+    pub name: &'static str,
+    /// What was chosen.
+    pub choice: String,
+    /// Why, with its number.
+    pub reason: String,
+}
+
+/// Where the photons of a light start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Emission {
+    /// None are shot: order 0 and 1 are all that is wanted of this light.
+    Nothing,
+    /// At the light; orders 0 and up are walked.
+    AtLight,
+    /// At the first collision, drawn from the light grid.
+    FirstCollision,
+}
+
+/// How the unscattered light of a light is found in voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direct {
+    /// By `points`^3 Gauss points in each voxel.
+    Quadrature {
+        /// Gauss points per axis.
+        points: usize,
+    },
+    /// Exactly, along a pencil beam.
+    Beam,
+    /// By photons.
+    Sampled,
+}
+
+/// How the optical depth towards a light is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Column {
+    /// Interpolated between voxel corners.
+    Corners,
+    /// By a light ray from every point.
+    Rays,
+}
+
+/// What happens with one light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LightPlan {
+    /// Where its photons start.
+    pub emission: Emission,
+    /// How its order 0 is found.
+    pub direct: Direct,
+    /// How the optical depth towards it is found.
+    pub column: Column,
+}
+
+/// How fluence is scored along a flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Score {
+    /// weight / majorant at every tentative collision.
+    Collisions,
+    /// weight * length in every voxel.
+    Track,
+}
+
+/// A tally layer of the photon walk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layer {
+    /// Fluence of incident order 0.
+    Unscattered,
+    /// Fluence of incident orders that images see (1 to n - 1).
+    Inner,
+    /// Fluence of the last order n, which no image sees.
+    Last,
+    /// P-weighted towards the eye, incident order 0.
+    EyeUnscattered,
+    /// P-weighted towards the eye, incident orders 1 to n - 1.
+    Eye,
+}
+
+/// The layers that an incident order is scored in: (plain, towards the eye), as indices into [`Plan::layers`].
+pub type Route = (Option<usize>, Option<usize>);
+
+/// What runs.
+#[derive(Debug, Clone)]
+pub struct Plan<'a> {
+    /// The scene.
+    pub scene: &'a Scene<'a>,
+    /// The settings as given.
+    pub settings: Settings,
+    /// The method.
+    pub method: Method,
+    /// The tracker.
+    pub tracker: Tracker,
+    /// 1 or 3.
+    pub channels: usize,
+    /// Whether one walk must serve unequal extinctions.
+    pub chromatic: bool,
+    /// Highest scattering order, `u32::MAX` if unlimited.
+    pub orders: u32,
+    /// The majorant grid, for `Tracker::Woodcock`.
+    pub majorant: Option<MajorantGrid>,
+    /// How flights score.
+    pub score: Score,
+    /// One entry per light.
+    pub lights: Vec<LightPlan>,
+    /// The tally layers that exist.
+    pub layers: Vec<Layer>,
+    /// Where incident orders 0, 1..n-1 and n go.
+    pub routes: [Route; 3],
+    /// Photons per batch; 0 if none are shot.
+    pub batch_photons: u64,
+    /// Number of batches, if the number of photons is given.
+    pub batches: Option<u64>,
+    /// Replicate volumes for pixel errors.
+    pub subvolumes: usize,
+    /// The relative error that stops the run.
+    pub target_error: Option<f64>,
+    /// Estimated seconds.
+    pub seconds: f64,
+    /// Estimated photons per second.
+    pub photons_per_second: f64,
+    /// Memory by part.
+    pub memory: Memory,
+    /// Each decision with its reason.
+    pub decisions: Vec<Decision>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Above this optical depth per voxel the light grid is no longer interpolated.
+const INTERPOLATED_DEPTH: f64 = 0.25;
+/// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
+const FIRST_COLLISION_DEPTH: f64 = 1.0;
+/// Above this optical depth per voxel order 0 is tallied from photons.
+const QUADRATURE_DEPTH: f64 = 8.0;
+
+impl<'a> Plan<'a> {
+    /// Decides everything that the scene and the settings decide.
+    pub fn new(scene: &'a Scene<'a>, settings: &Settings) -> Result<Self> {
+        settings.validate()?;
+        let mut why = Explain::default();
+        let medium = &scene.medium;
+        let volume = &medium.volume;
+        let channels = scene.channels();
+        let depth = voxel_depth(scene);
+        let scatters = medium.max_albedo() > 0.0 && medium.max_sigma_t() > 0.0;
+        let target_error = match (settings.target_error, settings.photons, settings.time_limit) {
+            (None, None, None) => Some(0.02),
+            (target, ..) => target,
+        };
+
+        let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
+        let orders = match method {
+            Method::Single => 1,
+            Method::Photon => settings.max_scatterings.unwrap_or(u32::MAX),
+        };
+        let chromatic = medium.is_chromatic() && channels == 3;
+        why.push(
+            "channels",
+            if channels == 1 { "1 (grey)".into() } else { format!("3, {}", if chromatic { "spectral MIS" } else { "one walk" }) },
+            if chromatic {
+                "extinction differs between channels: each flight is weighted over all three".into()
+            } else {
+                "equal extinction in all channels: one walk carries all weights".into()
+            },
+        );
+        let shoots_scattered = method == Method::Photon && scatters && orders > 0;
+        let lights: Vec<LightPlan> =
+            scene.lights.iter().map(|light| plan_light(scene, light, depth, shoots_scattered)).collect();
+        for (light, plan) in scene.lights.iter().zip(&lights) {
+            why.light(light, plan, depth);
+        }
+        let (tracker, majorant) = choose_tracker(scene, settings, chromatic, &mut why)?;
+        let score = match tracker {
+            Tracker::Woodcock => Score::Collisions,
+            Tracker::March => Score::Track,
+            Tracker::Analytic => {
+                let h = volume.spacing().into_iter().fold(0.0, f64::max);
+                if medium.max_sigma_t() * h >= 0.3 { Score::Collisions } else { Score::Track }
+            }
+        };
+        if !volume.is_constant() && tracker == Tracker::Analytic {
+            return scene_error("tracker = \"analytic\" needs a homogeneous volume; this one is not constant");
+        }
+
+        let shoots = lights.iter().any(|l| l.emission != Emission::Nothing);
+        let (layers, routes) = choose_layers(scene, settings, &lights, shoots_scattered, orders);
+        let photons_per_second = cost::photons_per_second(scene, orders, tracker, majorant.as_ref(), settings.threads);
+        let subvolumes = match (settings.errors && shoots && settings.image, volume.voxels() * channels) {
+            (false, _) => 0,
+            (true, 0..=1_048_576) => 16,
+            (true, _) => 8,
+        };
+        let (batch_photons, batches) = if shoots {
+            let emitters = lights.iter().filter(|l| l.emission != Emission::Nothing).count() as u64;
+            choose_batches(settings, emitters, volume.voxels(), subvolumes, photons_per_second)?
+        } else {
+            (0, Some(0))
+        };
+        let sampled = batch_photons * batches.unwrap_or(0);
+        if shoots {
+            why.push(
+                "photons",
+                match batches {
+                    Some(b) => format!("{sampled} in {b} batches"),
+                    None => format!("batches of {batch_photons}"),
+                },
+                match (settings.photons, target_error, settings.time_limit) {
+                    (Some(n), ..) => format!("photons = {n} asked for"),
+                    (None, Some(e), _) => format!("until the relative error is below {e}"),
+                    (None, None, t) => format!("until {} s have passed", t.unwrap_or(0.0)),
+                },
+            );
+        } else {
+            why.push("photons", "none".into(), "orders 0 and 1 are found without".into());
+        }
+        why.push(
+            "errors",
+            if subvolumes > 0 { format!("{subvolumes} replicate volumes") } else { "no pixel errors".into() },
+            if subvolumes > 0 {
+                format!("pixel z follows Student's t with {} degrees of freedom", subvolumes - 1)
+            } else if shoots {
+                "errors=False, or no image is asked for".into()
+            } else {
+                "nothing here is sampled".into()
+            },
+        );
+        let mut plan = Plan {
+            scene,
+            settings: settings.clone(),
+            method,
+            tracker,
+            channels,
+            chromatic,
+            orders,
+            majorant,
+            score,
+            lights,
+            layers,
+            routes,
+            batch_photons,
+            batches,
+            subvolumes,
+            target_error,
+            seconds: 0.0,
+            photons_per_second,
+            memory: Memory::default(),
+            decisions: Vec::new(),
+            warnings: Vec::new(),
+        };
+        plan.memory = cost::memory(&plan);
+        plan.seconds = cost::seconds(&plan);
+        plan.decisions = why.decisions;
+        if !plan.layers.is_empty() && plan.tracker == Tracker::Woodcock && depth > 0.0 && depth < 1e-3 {
+            plan.warnings.push(format!(
+                "a voxel's optical depth is at most {depth:.1e}: collisions are rare and voxel errors large; \
+                 tracker=\"march\" scores every voxel that a photon crosses"
+            ));
+        }
+        cost::check_memory(&plan)?;
+        Ok(plan)
+    }
+
+    /// Photons of batch `batch`: a given number is dealt out evenly, the first batches holding the rest.
+    pub fn photons_of(&self, batch: u64) -> u64 {
+        match (self.settings.photons, self.batches) {
+            (Some(photons), Some(batches)) if batches > 0 => photons / batches + u64::from(batch < photons % batches),
+            _ => self.batch_photons,
+        }
+    }
+
+    /// Scattering order after which a photon's next collision is its last.
+    pub fn walked_orders(&self) -> u32 {
+        if self.method == Method::Single { 0 } else { self.orders }
+    }
+
+    /// Whether anything is sampled by photons.
+    pub fn shoots(&self) -> bool {
+        self.batch_photons > 0
+    }
+
+    /// Whether fluence and in-scattered radiance differ by 1 / (4 pi) only, so that one set of moments serves both.
+    pub fn one_moment(&self) -> bool {
+        self.scene.medium.phase.is_isotropic() && self.orders == u32::MAX
+    }
+
+    /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).
+    pub fn wants_source(&self) -> bool {
+        self.settings.radiance || self.settings.image
+    }
+}
+
+#[derive(Default)]
+struct Explain {
+    decisions: Vec<Decision>,
+}
+
+impl Explain {
+    fn push(&mut self, name: &'static str, choice: String, reason: String) {
+        self.decisions.push(Decision { name, choice, reason });
+    }
+
+    fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
+        let name = match light {
+            Light::Point { .. } => "PointLight",
+            Light::Pencil { .. } => "PencilBeam",
+            Light::Directional { .. } => "DirectionalLight",
+            Light::Environment { .. } => "EnvironmentLight",
+        };
+        let direct = match plan.direct {
+            Direct::Quadrature { points } => format!("order 0 by quadrature ({points}^3 points a voxel)"),
+            Direct::Beam => "order 0 exact along the beam".into(),
+            Direct::Sampled => "order 0 by photons".into(),
+        };
+        let column = match (plan.direct, plan.column) {
+            (Direct::Beam, _) | (Direct::Sampled, Column::Corners) => String::new(),
+            (_, Column::Corners) => ", depth towards it from the light grid".into(),
+            (_, Column::Rays) => ", depth towards it by light rays".into(),
+        };
+        let emission = match plan.emission {
+            Emission::Nothing => "no photons",
+            Emission::AtLight => "photons start at the light",
+            Emission::FirstCollision => "photons start at their first collision",
+        };
+        self.push(
+            "light",
+            format!("{name}: {emission}; {direct}{column}"),
+            format!("a voxel's optical depth is at most {depth:.3}"),
+        );
+    }
+}
+
+/// The largest optical depth of a voxel along an axis along which the volume has more than one voxel.
+fn voxel_depth(scene: &Scene) -> f64 {
+    let volume = &scene.medium.volume;
+    let h = volume.spacing().into_iter().fold(0.0, f64::max);
+    scene.medium.max_sigma_t() * h
+}
+
+fn choose_method(
+    scene: &Scene,
+    settings: &Settings,
+    target_error: Option<f64>,
+    scatters: bool,
+    why: &mut Explain,
+) -> Result<Method> {
+    let medium = &scene.medium;
+    // A bound on what leaves order 1 for order 2, and so on: albedo times the chance of a collision on the longest way.
+    let diagonal = medium.volume.size().iter().map(|s| s * s).sum::<f64>().sqrt();
+    let again = medium.max_albedo() * -(-medium.max_sigma_t() * diagonal).exp_m1();
+    let beyond = if again < 1.0 { again / (1.0 - again) } else { f64::INFINITY };
+    let (method, reason) = match (settings.method, target_error) {
+        (Some(method), _) => (method, "asked for".into()),
+        (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => (
+            Method::Single,
+            format!("orders >= 2 are below {beyond:.1e} of order 1, the target is {target}"),
+        ),
+        (None, _) => (Method::Photon, format!("orders >= 2 may reach {beyond:.2} of order 1")),
+    };
+    if method == Method::Single && settings.max_scatterings.is_some_and(|n| n != 1) && settings.method.is_some() {
+        return scene_error(format!(
+            "method = \"single\" holds scattering order 1 only, but max_scatterings = {} is asked for; \
+             use method = \"photon\"",
+            settings.max_scatterings.unwrap_or(0)
+        ));
+    }
+    why.push("method", if method == Method::Single { "single" } else { "photon" }.into(), reason);
+    Ok(method)
+}
+
+fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPlan {
+    let volume = &scene.medium.volume;
+    let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
+    let rays = if depth > INTERPOLATED_DEPTH { Column::Rays } else { Column::Corners };
+    match light {
+        Light::Environment { .. } => {
+            LightPlan { emission: Emission::AtLight, direct: Direct::Sampled, column: Column::Corners }
+        }
+        Light::Pencil { .. } => LightPlan { emission: at_light, direct: Direct::Beam, column: Column::Rays },
+        Light::Point { .. } | Light::Directional { .. } => {
+            let near = match light {
+                Light::Point { position, .. } => {
+                    let (p, size, h) = (volume.local(*position), volume.size(), volume.spacing());
+                    (0..3).all(|a| p[a] > -2.0 * h[a] && p[a] < size[a] + 2.0 * h[a])
+                }
+                _ => false,
+            };
+            let points = match depth {
+                d if d <= INTERPOLATED_DEPTH => 1,
+                d if d <= 1.0 => 2,
+                d if d <= 3.0 => 3,
+                _ => 4,
+            };
+            // Quadrature of a steep exponential fails; only photons, which cost nothing more, are then right.
+            let direct = if depth > QUADRATURE_DEPTH && shoots { Direct::Sampled } else { Direct::Quadrature { points } };
+            let first = shoots && !near && depth <= FIRST_COLLISION_DEPTH;
+            let emission = if first { Emission::FirstCollision } else { at_light };
+            LightPlan { emission, direct, column: rays }
+        }
+    }
+}
+
+fn choose_tracker(
+    scene: &Scene,
+    settings: &Settings,
+    chromatic: bool,
+    why: &mut Explain,
+) -> Result<(Tracker, Option<MajorantGrid>)> {
+    let medium = &scene.medium;
+    let volume = &medium.volume;
+    let h = volume.spacing();
+    let mean_h = 3.0 / h.iter().map(|h| 1.0 / h).sum::<f64>();
+    let build = |tracker| match tracker {
+        Tracker::Woodcock if volume.is_constant() => {
+            let longest = volume.n().into_iter().max().unwrap_or(1);
+            Some(MajorantGrid::new(volume, longest))
+        }
+        Tracker::Woodcock => Some(MajorantGrid::cheapest(volume, medium.extinction.max() * mean_h).0),
+        _ => None,
+    };
+    if let Some(tracker) = settings.tracker {
+        if tracker == Tracker::Analytic && chromatic {
+            return scene_error("tracker = \"analytic\" needs equal extinction in all channels; use \"woodcock\"");
+        }
+        why.push("tracker", format!("{tracker:?}").to_lowercase(), "asked for".into());
+        return Ok((tracker, build(tracker)));
+    }
+    if volume.is_constant() && !chromatic {
+        why.push("tracker", "analytic".into(), "the density is constant: free flights in closed form, no grid".into());
+        return Ok((Tracker::Analytic, None));
+    }
+    if volume.is_constant() {
+        why.push("tracker", "woodcock".into(), "the density is constant: one cell, the majorant is the medium".into());
+        return Ok((Tracker::Woodcock, build(Tracker::Woodcock)));
+    }
+    let (grid, cost) = MajorantGrid::cheapest(volume, medium.extinction.max() * mean_h);
+    // The walk crosses 1.5 voxels per voxel of length; interpolation halves the cells that it steps over.
+    let march = if volume.linear() { 12.0 } else { 2.0 };
+    if cost <= march {
+        why.push(
+            "tracker",
+            "woodcock".into(),
+            format!("expected cost per voxel of flight {cost:.2}, marching {march:.1}; cells of {}^3 voxels", grid.block),
+        );
+        Ok((Tracker::Woodcock, Some(grid)))
+    } else {
+        why.push(
+            "tracker",
+            "march".into(),
+            format!("expected cost per voxel of flight {march:.1}; null collisions would cost {cost:.2}"),
+        );
+        Ok((Tracker::March, None))
+    }
+}
+
+fn choose_layers(
+    scene: &Scene,
+    settings: &Settings,
+    lights: &[LightPlan],
+    scattered: bool,
+    orders: u32,
+) -> (Vec<Layer>, [Route; 3]) {
+    let isotropic = scene.medium.phase.is_isotropic();
+    let wants_source = settings.radiance || settings.image;
+    let sampled = lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
+    let scattered = scattered && lights.iter().any(|l| l.emission != Emission::Nothing);
+    let mut layers = Vec::new();
+    let mut add = |wanted: bool, layer: Layer| {
+        wanted.then(|| {
+            layers.push(layer);
+            layers.len() - 1
+        })
+    };
+    let any = settings.fluence || wants_source;
+    if isotropic {
+        let unscattered = add(sampled && any, Layer::Unscattered);
+        let inner = add(scattered && any && (orders > 1 || orders == u32::MAX), Layer::Inner);
+        let last = add(scattered && settings.fluence && orders != u32::MAX, Layer::Last);
+        (layers, [(unscattered, None), (inner, None), (last, None)])
+    } else {
+        let fluence = add((sampled || scattered) && settings.fluence, Layer::Inner);
+        let eye0 = add(sampled && wants_source, Layer::EyeUnscattered);
+        let eye = add(scattered && wants_source && orders > 1, Layer::Eye);
+        (layers, [(fluence, eye0), (fluence, eye), (fluence, None)])
+    }
+}
+
+/// Photons per batch and, if their number is given, batches: enough batches for a variance, few enough that folding them
+/// into the moments (a sweep over the volume) stays small beside the walk. Every light has a photon in every batch.
+fn choose_batches(
+    settings: &Settings,
+    emitters: u64,
+    voxels: usize,
+    subvolumes: usize,
+    per_second: f64,
+) -> Result<(u64, Option<u64>)> {
+    let round = subvolumes.max(8) as u64;
+    let worth = (voxels as u64 / 40).max(1);
+    match settings.photons {
+        Some(photons) if photons < emitters => {
+            scene_error(format!("photons = {photons} is not allowed; each of the {emitters} lights needs one at least"))
+        }
+        Some(photons) => {
+            let batches = (photons / worth).clamp(round, 64) / round * round;
+            let batches = batches.min(photons / emitters);
+            Ok((photons.div_ceil(batches), Some(batches)))
+        }
+        None => {
+            let mut size = worth.clamp(2048, 1 << 22);
+            if let Some(limit) = settings.time_limit {
+                size = size.min(((per_second * limit / 32.0) as u64).max(256));
+            }
+            Ok((size.max(emitters), None))
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! What the user asks for, apart from the scene.
+
+use crate::error::{Error, Result, scene_error};
+use std::str::FromStr;
+
+/// How the answer is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Deterministic: orders 0 and 1.
+    Single,
+    /// Photons deposit orders >= 2 in voxels, a gather makes images.
+    Photon,
+}
+
+/// How free flights are sampled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tracker {
+    /// Null collisions against the majorant grid.
+    Woodcock,
+    /// Inversion of the running optical depth, voxel by voxel.
+    March,
+    /// Closed form, homogeneous media only.
+    Analytic,
+}
+
+impl FromStr for Method {
+    type Err = Error;
+    fn from_str(s: &str) -> Result<Self> {
+        match s {
+            "single" => Ok(Method::Single),
+            "photon" => Ok(Method::Photon),
+            _ => scene_error(format!("method = {s:?} is not allowed; \"auto\", \"single\" or \"photon\" are")),
+        }
+    }
+}
+
+impl FromStr for Tracker {
+    type Err = Error;
+    fn from_str(s: &str) -> Result<Self> {
+        match s {
+            "woodcock" => Ok(Tracker::Woodcock),
+            "march" => Ok(Tracker::March),
+            "analytic" => Ok(Tracker::Analytic),
+            _ => scene_error(format!(
+                "tracker = {s:?} is not allowed; \"auto\", \"woodcock\", \"march\" or \"analytic\" are"
+            )),
+        }
+    }
+}
+
+/// The settings of a run; `None` leaves the choice to the plan.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Method, `None` for the cheapest that is good enough.
+    pub method: Option<Method>,
+    /// Tracker, `None` for the cheapest.
+    pub tracker: Option<Tracker>,
+    /// Number of photons.
+    pub photons: Option<u64>,
+    /// Relative error at which the run stops.
+    pub target_error: Option<f64>,
+    /// Seconds after which the run stops.
+    pub time_limit: Option<f64>,
+    /// Highest scattering order.
+    pub max_scatterings: Option<u32>,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Worker threads; `None` for all cores.
+    pub threads: Option<usize>,
+    /// Whether replicate volumes for pixel errors are kept.
+    pub errors: bool,
+    /// Whether the fluence of each voxel is wanted.
+    pub fluence: bool,
+    /// Whether the radiance of each voxel is wanted.
+    pub radiance: bool,
+    /// Whether images are wanted.
+    pub image: bool,
+    /// Run even if memory seems too small.
+    pub force: bool,
+    /// Whether `target_error` is over voxels rather than pixels.
+    pub over_voxels: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            method: None,
+            tracker: None,
+            photons: None,
+            target_error: None,
+            time_limit: None,
+            max_scatterings: None,
+            seed: 0,
+            threads: None,
+            errors: true,
+            fluence: true,
+            radiance: true,
+            image: true,
+            force: false,
+            over_voxels: false,
+        }
+    }
+}
+
+impl Settings {
+    /// Checks the ranges.
+    pub fn validate(&self) -> Result<()> {
+        if let Some(n) = self.photons
+            && !(1..=1_000_000_000_000_000).contains(&n)
+        {
+            return scene_error(format!("photons = {n} is not allowed; 1 to 1e15 are"));
+        }
+        if let Some(e) = self.target_error
+            && !(e > 0.0 && e.is_finite())
+        {
+            return scene_error(format!("target_error = {e} is not allowed; it must be positive"));
+        }
+        if let Some(t) = self.time_limit
+            && !(t > 0.0)
+        {
+            return scene_error(format!("time_limit = {t} is not allowed; it must be positive (seconds)"));
+        }
+        if let Some(t) = self.threads
+            && !(1..=4096).contains(&t)
+        {
+            return scene_error(format!("threads = {t} is not allowed; 1 to 4096 are"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,301 @@
+//! The Python module `mcrt._mcrt`: dictionaries and arrays in, arrays out. The only place that knows of Python.
+
+mod convert;
+mod watch;
+
+use crate::backend::cpu::gather::{Volumes, background, image};
+use crate::backend::cpu::{self, pixel_error};
+use crate::physics::Phase;
+use crate::physics::rng::{Draws, uniform64};
+use crate::plan::{Column, Plan, cost};
+use crate::result::{Outcome, Share, Stopped};
+use crate::scene::Camera;
+use convert::{Held, array, to_py};
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+
+/// The Rust core of mcrt.
+#[pymodule]
+mod _mcrt {
+    #[pymodule_export]
+    use super::{
+        check_camera, check_light, check_phase, default_lights, framing_camera, gather, info, phase_eval, phase_sample,
+        plan, simulate,
+    };
+}
+
+/// Raises `SceneError` if the light is not valid.
+#[pyfunction]
+fn check_light(spec: &Bound<'_, PyAny>) -> PyResult<()> {
+    convert::light(spec).map(drop)
+}
+
+/// Raises `SceneError` if the phase function is not valid.
+#[pyfunction]
+fn check_phase(spec: &Bound<'_, PyAny>) -> PyResult<()> {
+    convert::phase(spec).map(drop)
+}
+
+/// Raises `SceneError` if the camera is not valid.
+#[pyfunction]
+fn check_camera(spec: &Bound<'_, PyAny>) -> PyResult<()> {
+    convert::camera(spec).map(drop)
+}
+
+/// The phase function [1/sr] at cosines.
+#[pyfunction]
+fn phase_eval<'py>(
+    py: Python<'py>,
+    spec: &Bound<'py, PyAny>,
+    cos_theta: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let phase = convert::phase(spec)?;
+    Ok(PyArray1::from_iter(py, cos_theta.as_array().iter().map(|&c| phase.pdf(c))))
+}
+
+/// `n` cosines sampled from the phase function.
+#[pyfunction]
+fn phase_sample<'py>(
+    py: Python<'py>,
+    spec: &Bound<'py, PyAny>,
+    n: u64,
+    seed: u64,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let phase: Phase = convert::phase(spec)?;
+    let draw = |i| phase.sample(uniform64(Draws::new(seed, i, 1).next4()[0])).0;
+    Ok(PyArray1::from_vec(py, (0..n).map(draw).collect()))
+}
+
+/// The spec of the camera that sees the whole box.
+#[pyfunction]
+fn framing_camera<'py>(
+    py: Python<'py>,
+    shape: [usize; 3],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+) -> PyResult<Bound<'py, PyAny>> {
+    let size = convert::box_size(py, shape, spacing, origin)?;
+    let (eye, target, fov) = Camera::framing(origin, size);
+    let spec = ("perspective", (eye[0], eye[1], eye[2]), (target[0], target[1], target[2]), (0.0, 0.0, 1.0), fov, (600, 600));
+    Ok(spec.into_pyobject(py)?.into_any())
+}
+
+/// The specs of the lights that a volume gets if none is given: a point up and to the left of the framing camera, of unit
+/// irradiance at the volume's centre.
+#[pyfunction]
+fn default_lights<'py>(
+    py: Python<'py>,
+    shape: [usize; 3],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+) -> PyResult<Bound<'py, PyAny>> {
+    let size = convert::box_size(py, shape, spacing, origin)?;
+    let diagonal = size.iter().map(|s| s * s).sum::<f64>().sqrt();
+    let way = [-0.62, -0.62, 0.48].map(|c: f64| 1.5 * diagonal * c);
+    let p: [f64; 3] = std::array::from_fn(|a| origin[a] + 0.5 * size[a] + way[a]);
+    let intensity = way.iter().map(|c| c * c).sum::<f64>();
+    Ok(PyList::new(py, [("point", (p[0], p[1], p[2]), (intensity,))])?.into_any())
+}
+
+/// What would run, why, at what cost.
+#[pyfunction]
+fn plan<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, PyDict>,
+    settings: &Bound<'py, PyDict>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let held = Held::new(scene)?;
+    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?);
+    let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
+    describe(py, &plan)
+}
+
+/// Runs a plan.
+#[pyfunction]
+#[pyo3(signature = (scene, settings, progress=None))]
+fn simulate<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, PyDict>,
+    settings: &Bound<'py, PyDict>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let held = Held::new(scene)?;
+    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?);
+    let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
+    let outcome = watch::run(py, settings.time_limit, progress.as_ref(), |control| cpu::run(&plan, control))?;
+    report(py, &plan, outcome)
+}
+
+/// Images from what a run left in the voxels.
+#[pyfunction]
+fn gather<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, PyDict>,
+    volumes: &Bound<'py, PyDict>,
+    camera: &Bound<'py, PyAny>,
+    replicates: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let held = Held::new(scene)?;
+    let parsed = held.scene(scene)?;
+    let camera = convert::camera(camera)?;
+    let stored = convert::Stored::new(volumes, &parsed)?;
+    let threads: Option<usize> = convert::optional(volumes, "threads")?;
+    let channels = parsed.channels();
+    if !parsed.medium.phase.is_isotropic() && (stored.source.is_some() || stored.source0.is_some()) {
+        convert::same_eye(py, &camera, &stored.eye)?;
+    }
+    let k = if replicates { stored.replicates() } else { 0 };
+    let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
+    cost::check_image(pixels, (channels * (4 + k)) as u64).map_err(|e| to_py(py, e))?;
+    let columns: Vec<_> = stored.columns.iter().map(|c| if c.is_some() { Column::Corners } else { Column::Rays }).collect();
+    let lights = parsed
+        .lights
+        .iter()
+        .zip(&columns)
+        .zip(&stored.columns)
+        .filter_map(|((light, how), corners)| {
+            cpu::light::Illumination::new(&parsed, light, *how, corners.as_ref().map(|c| c.slice()))
+        })
+        .collect();
+    let volumes = Volumes {
+        scene: &parsed,
+        lights,
+        source: stored.source.as_ref().map(|s| s.slice()),
+        source0: stored.source0.as_ref().map(|s| s.slice()),
+        channels,
+    };
+    let subvolumes = stored.subvolumes.as_ref().filter(|_| k > 0).map(|s| s.slice());
+    let (picture, error, bias) = watch::run(py, None, None, |control| {
+        cpu::with_threads(threads, || {
+            let stop = || control.stopped();
+            let picture = image(&volumes, &camera, None, channels, &stop);
+            let error = subvolumes.map(|s| {
+                let each = Volumes {
+                    scene: &parsed,
+                    lights: Vec::new(),
+                    source: Some(s),
+                    source0: None,
+                    channels,
+                };
+                pixel_error::spread(&image(&each, &camera, None, channels * k, &stop).order2, k).1
+            });
+            let bias = volumes.source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
+            (picture, error, bias)
+        })
+    })?;
+    let shape = [camera.resolution[1], camera.resolution[0]];
+    let out = PyDict::new(py);
+    let behind = background(&parsed);
+    let background = picture.transmittance.iter().enumerate().map(|(at, t)| behind[at % channels] * t).collect();
+    let empty = vec![0.0; picture.order1.len()];
+    out.set_item("background", array(py, background, &shape, channels, 1)?)?;
+    out.set_item("order1", array(py, picture.order1, &shape, channels, 1)?)?;
+    out.set_item("order2", array(py, picture.order2, &shape, channels, 1)?)?;
+    out.set_item("transmittance", array(py, picture.transmittance, &shape, channels, 1)?)?;
+    if let Some(error) = error {
+        out.set_item("error", array(py, error, &shape, channels, 1)?)?;
+    }
+    if replicates {
+        out.set_item("bias", array(py, bias.unwrap_or(empty), &shape, channels, 1)?)?;
+    }
+    Ok(out)
+}
+
+/// Version, lanes in use, threads.
+#[pyfunction]
+fn info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let out = PyDict::new(py);
+    out.set_item("version", env!("CARGO_PKG_VERSION"))?;
+    out.set_item("simd", "scalar")?;
+    out.set_item("threads", cost::threads(None))?;
+    out.set_item("gpu", false)?;
+    Ok(out)
+}
+
+/// A plan as a dictionary.
+fn describe<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    out.set_item("method", format!("{:?}", plan.method).to_lowercase())?;
+    out.set_item("tracker", format!("{:?}", plan.tracker).to_lowercase())?;
+    out.set_item("backend", "cpu")?;
+    out.set_item("channels", plan.channels)?;
+    let decisions: Vec<_> = plan.decisions.iter().map(|d| (d.name, &d.choice, &d.reason)).collect();
+    out.set_item("decisions", decisions)?;
+    out.set_item("bytes", plan.memory.total())?;
+    let parts = PyDict::new(py);
+    for (name, bytes) in &plan.memory.parts {
+        parts.set_item(name, bytes)?;
+    }
+    out.set_item("bytes_by_part", parts)?;
+    out.set_item("seconds", plan.seconds)?;
+    let photons = plan.settings.photons.filter(|_| plan.shoots());
+    let least = plan.batch_photons * plan.batches.unwrap_or(plan.subvolumes.max(8) as u64);
+    out.set_item("photons", photons.unwrap_or(least))?;
+    out.set_item("batches", plan.batches.unwrap_or(plan.subvolumes.max(8) as u64))?;
+    out.set_item("subvolumes", plan.subvolumes)?;
+    out.set_item("warnings", &plan.warnings)?;
+    Ok(out)
+}
+
+/// An outcome as a dictionary of arrays.
+fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound<'py, PyDict>> {
+    let (channels, n) = (plan.channels, plan.scene.medium.volume.n());
+    let shape = [n[2], n[1], n[0]];
+    let out = PyDict::new(py);
+    let description = describe(py, plan)?;
+    description.set_item("photons", outcome.photons)?;
+    description.set_item("batches", outcome.batches)?;
+    out.set_item("plan", description)?;
+    for (name, pair) in [("fluence", outcome.fluence), ("radiance", outcome.radiance)] {
+        if let Some((mean, error)) = pair {
+            out.set_item(name, array(py, mean, &shape, channels, 1)?)?;
+            out.set_item(format!("{name}_error"), array(py, error, &shape, channels, 1)?)?;
+        }
+    }
+    for (name, volume) in [("source", outcome.source), ("source0", outcome.source0)] {
+        if let Some(volume) = volume {
+            out.set_item(name, array(py, volume, &shape, channels, 1)?)?;
+        }
+    }
+    if let Some(volumes) = outcome.subvolumes {
+        out.set_item("subvolumes", array(py, volumes, &shape, channels, outcome.replicates)?)?;
+    }
+    let columns = PyList::empty(py);
+    for grid in outcome.columns {
+        match grid {
+            Some(grid) => columns.append(array(py, grid, &shape.map(|m| m + 1), 1, 1)?)?,
+            None => columns.append(py.None())?,
+        }
+    }
+    out.set_item("columns", columns)?;
+    let energy = PyDict::new(py);
+    let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
+    energy.set_item("launched", by_channel(&outcome.energy.launched))?;
+    energy.set_item("error", by_channel(&outcome.energy.error))?;
+    for (share, name) in Share::ALL {
+        energy.set_item(name, by_channel(&outcome.energy.fractions[share.index()]))?;
+    }
+    out.set_item("energy", energy)?;
+    let stats = PyDict::new(py);
+    stats.set_item("photons", outcome.photons)?;
+    stats.set_item("collisions", outcome.collisions)?;
+    stats.set_item("batches", outcome.batches)?;
+    stats.set_item("degrees_of_freedom", outcome.batches.saturating_sub(1))?;
+    stats.set_item("degrees_of_freedom_pixel", outcome.replicates.saturating_sub(1))?;
+    let seconds = PyDict::new(py);
+    for (name, value) in ["light grid", "photons", "estimate"].into_iter().zip(outcome.seconds) {
+        seconds.set_item(name, value)?;
+    }
+    stats.set_item("seconds", seconds)?;
+    let stopped = match outcome.stopped {
+        Stopped::Photons => "photons",
+        Stopped::TargetError => "target_error",
+        Stopped::TimeLimit => "time_limit",
+        Stopped::Progress => "progress",
+    };
+    stats.set_item("stopped_by", stopped)?;
+    out.set_item("stats", stats)?;
+    out.set_item("warnings", outcome.warnings)?;
+    Ok(out)
+}

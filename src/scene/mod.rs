@@ -1,0 +1,93 @@
+//! What is simulated. Constructors validate, so a [`Scene`] that exists is valid; everything in it is relative to the
+//! box's lower corner, in f64.
+
+pub mod camera;
+pub mod light;
+pub mod medium;
+pub mod volume;
+
+pub use camera::Camera;
+pub use light::Light;
+pub use medium::{Albedo, Medium};
+pub use volume::Volume;
+
+use crate::error::{Result, scene_error};
+
+/// One value, or one per colour channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spectrum {
+    /// Red, green, blue; equal for a grey value.
+    pub rgb: [f64; 3],
+    /// Whether it was given as RGB.
+    pub is_rgb: bool,
+}
+
+impl Spectrum {
+    /// From one or three finite, non-negative numbers; `what` names it in the error.
+    pub fn new(values: &[f64], what: &str) -> Result<Self> {
+        if let Some(v) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
+            return scene_error(format!("{what} = {v} is not allowed; it must be finite and not negative"));
+        }
+        match *values {
+            [v] => Ok(Spectrum { rgb: [v; 3], is_rgb: false }),
+            [r, g, b] => Ok(Spectrum { rgb: [r, g, b], is_rgb: true }),
+            _ => scene_error(format!("{what} has {} values; 1 or 3 (RGB) are allowed", values.len())),
+        }
+    }
+
+    /// The largest channel.
+    pub fn max(&self) -> f64 {
+        self.rgb[0].max(self.rgb[1]).max(self.rgb[2])
+    }
+
+    /// Whether all channels are equal.
+    pub fn is_grey(&self) -> bool {
+        self.rgb[0] == self.rgb[1] && self.rgb[1] == self.rgb[2]
+    }
+}
+
+/// A medium, the lights on it, and the camera that looks at it.
+#[derive(Debug, Clone)]
+pub struct Scene<'a> {
+    /// The medium in its box.
+    pub medium: Medium<'a>,
+    /// The lights; they add up.
+    pub lights: Vec<Light>,
+    /// The eye that anisotropic media are recorded towards.
+    pub camera: Camera,
+}
+
+impl<'a> Scene<'a> {
+    /// Assembles validated parts.
+    pub fn new(medium: Medium<'a>, lights: Vec<Light>, camera: Camera) -> Self {
+        Scene { medium, lights, camera }
+    }
+
+    /// 3 if anything is RGB, else 1.
+    pub fn channels(&self) -> usize {
+        let rgb = self.medium.is_rgb() || self.lights.iter().any(|l| l.value().is_rgb);
+        if rgb { 3 } else { 1 }
+    }
+}
+
+/// A finite point or vector, or an error that names it.
+pub(crate) fn finite(v: [f64; 3], what: &str) -> Result<[f64; 3]> {
+    if v.iter().all(|c| c.is_finite() && c.abs() < 1e30) {
+        Ok(v)
+    } else {
+        scene_error(format!("{what} = {v:?} is not finite"))
+    }
+}
+
+/// A unit vector from a finite, non-zero one.
+pub(crate) fn direction(v: [f64; 3], what: &str) -> Result<[f64; 3]> {
+    let v = finite(v, what)?;
+    // Scaled first, so that neither tiny nor huge components lose the length.
+    let scale = v.iter().fold(0.0f64, |m, c| m.max(c.abs()));
+    if scale == 0.0 {
+        return scene_error(format!("{what} = {v:?} has no length; a non-zero direction is needed"));
+    }
+    let v = v.map(|c| c / scale);
+    let norm = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+    Ok(v.map(|c| c / norm))
+}

@@ -1,0 +1,124 @@
+//! The voxel box: extents, spacing, place, and the density in it.
+
+use crate::error::{Result, scene_error};
+
+/// Densities of `n[0] x n[1] x n[2]` voxels (x fastest) of the size `spacing`, the lower corner at `origin`. Axes in the
+/// order x, y, z throughout the crate; Python's (z, y, x) is turned at the border.
+#[derive(Debug, Clone, Copy)]
+pub struct Volume<'a> {
+    density: &'a [f32],
+    n: [usize; 3],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+    linear: bool,
+    min: f32,
+    max: f32,
+    mean: f64,
+}
+
+impl<'a> Volume<'a> {
+    /// Validates the densities (finite, not negative; the error counts the bad ones and gives the first index (k, j, i)),
+    /// extents (each 1 to 16384) and spacing (finite, positive).
+    pub fn new(density: &'a [f32], n: [usize; 3], spacing: [f64; 3], origin: [f64; 3], linear: bool) -> Result<Self> {
+        if n.contains(&0) || n.iter().any(|&m| m > 16384) {
+            return scene_error(format!(
+                "the volume's shape (nz, ny, nx) = ({}, {}, {}) is not allowed; each must be 1 to 16384",
+                n[2], n[1], n[0]
+            ));
+        }
+        let voxels = n[0] * n[1] * n[2];
+        if density.len() != voxels {
+            return scene_error(format!("{} densities were given for {voxels} voxels", density.len()));
+        }
+        if spacing.iter().any(|h| !(h.is_finite() && *h > 1e-20 && *h < 1e20)) {
+            return scene_error(format!(
+                "spacing (dz, dy, dx) = ({}, {}, {}) is not allowed; each must be finite and positive (1e-20 to 1e20)",
+                spacing[2], spacing[1], spacing[0]
+            ));
+        }
+        let origin = super::finite(origin, "origin")?;
+        let bad = |d: &&f32| !(d.is_finite() && **d >= 0.0);
+        if let Some(first) = density.iter().position(|d| bad(&d)) {
+            let count = density.iter().filter(bad).count();
+            let (k, j, i) = (first / (n[0] * n[1]), first / n[0] % n[1], first % n[0]);
+            return scene_error(format!(
+                "{count} of {voxels} densities are NaN, infinite or negative, the first at index ({k}, {j}, {i}): {}; \
+                 densities must be finite, not negative and within float32",
+                density[first]
+            ));
+        }
+        let (mut min, mut max, mut sum) = (f32::INFINITY, 0.0f32, 0.0f64);
+        for &d in density {
+            min = min.min(d);
+            max = max.max(d);
+            sum += f64::from(d);
+        }
+        Ok(Volume { density, n, spacing, origin, linear, min, max, mean: sum / voxels as f64 })
+    }
+
+    /// The densities, x fastest.
+    pub fn density(&self) -> &'a [f32] {
+        self.density
+    }
+
+    /// Extents along x, y, z.
+    pub fn n(&self) -> [usize; 3] {
+        self.n
+    }
+
+    /// Number of voxels.
+    pub fn voxels(&self) -> usize {
+        self.density.len()
+    }
+
+    /// Voxel size along x, y, z.
+    pub fn spacing(&self) -> [f64; 3] {
+        self.spacing
+    }
+
+    /// The box's size along x, y, z.
+    pub fn size(&self) -> [f64; 3] {
+        std::array::from_fn(|a| self.n[a] as f64 * self.spacing[a])
+    }
+
+    /// The volume of one voxel.
+    pub fn voxel_volume(&self) -> f64 {
+        self.spacing.iter().product()
+    }
+
+    /// The area of the box's surface.
+    pub fn surface(&self) -> f64 {
+        let s = self.size();
+        2.0 * (s[0] * s[1] + s[1] * s[2] + s[2] * s[0])
+    }
+
+    /// Whether the density is interpolated between voxel centres.
+    pub fn linear(&self) -> bool {
+        self.linear
+    }
+
+    /// The smallest density.
+    pub fn min(&self) -> f32 {
+        self.min
+    }
+
+    /// The largest density.
+    pub fn max(&self) -> f32 {
+        self.max
+    }
+
+    /// The mean density.
+    pub fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// Whether all voxels hold the same density.
+    pub fn is_constant(&self) -> bool {
+        self.min == self.max
+    }
+
+    /// A world point relative to the lower corner.
+    pub fn local(&self, world: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| world[a] - self.origin[a])
+    }
+}

@@ -1,0 +1,182 @@
+"""Error bars are true, runs are reproducible, merged runs are one run.
+
+False alarms: 1e-5 per assertion, about 15 assertions (the Kolmogorov-Smirnov tests by Bonferroni over what they test).
+200 runs of 2000 photons, each compared with one long run of a thousand times as many.
+"""
+
+import functools
+
+import mcrt
+import numpy as np
+import pytest
+import truth
+from scipy import stats
+
+SHAPE, SPACING = (3, 4, 5), (1.0, 0.8, 0.6)
+VIEW = truth.View((9, -6, 3), (1.5, 1.6, 1.5), (4, 3), fov=18)
+SEEDS = 200
+
+
+def scene(kind, **options):
+    rng = np.random.default_rng(91)
+    density = rng.gamma(2.0, 0.5, SHAPE).astype(np.float32)
+    light = (
+        mcrt.DirectionalLight((0.4, -0.5, -0.8), 1.0) if kind == "directional" else mcrt.EnvironmentLight(1.0)
+    )
+    base = {
+        "spacing": SPACING,
+        "extinction": 1.0,
+        "albedo": 0.95,
+        "light": light,
+        "camera": VIEW.camera(),
+    }
+    return mcrt.simulate(density, **base | {"method": "photon"} | options)
+
+
+@functools.cache
+def replicas(kind):
+    """z-scores (seeds, values) of voxels and of pixels, and their degrees of freedom."""
+    reference = scene(kind, photons=2e6, seed=10**6)
+    voxels, pixels = [], []
+    for seed in range(SEEDS):
+        run = scene(kind, photons=2000, seed=seed, threads=1)
+        voxels.append(
+            truth.z_scores(
+                run.fluence, reference.fluence, run.fluence_error, reference.fluence_error, 0
+            ).ravel()
+        )
+        pixels.append(
+            truth.z_scores(
+                run.image(), reference.image(), run.image_error(), reference.image_error(), 0
+            ).ravel()
+        )
+    return {
+        "voxel": (np.array(voxels), truth.dof(run)),
+        "pixel": (np.array(pixels), truth.dof(run, "pixel")),
+    }
+
+
+@pytest.mark.parametrize("kind", ["directional", "environment"])
+@pytest.mark.parametrize("of", ["voxel", "pixel"])
+def test_z_scores_follow_students_t(of, kind):
+    z, dof = replicas(kind)[of]
+    assert dof >= 7
+    # Each voxel's 200 z-scores are independent of each other: a Kolmogorov-Smirnov test for each.
+    p = np.array([stats.kstest(column, stats.t(dof).cdf).pvalue for column in z.T])
+    assert p.min() > truth.ALPHA / len(p), (
+        f"smallest p {p.min():.1e} of {len(p)}; mean z {z.mean():.3f}, var {z.var():.3f}"
+    )
+
+
+@pytest.mark.parametrize("kind", ["directional", "environment"])
+@pytest.mark.parametrize("of", ["voxel", "pixel"])
+def test_error_bars_have_the_right_size(of, kind):
+    # Each seed's mean z^2 over voxels is one sample (its voxels share photons); it is dof / (dof - 2) on average.
+    # 3 %: tallies of 2000 photons are a little skew. Twentieth of a variance: a fortieth of an error bar.
+    z, dof = replicas(kind)[of]
+    sample = (z**2).mean(1)
+    expected = dof / (dof - 2)
+    bound = truth.limit(1, SEEDS - 1) * stats.sem(sample) + 0.03 * expected
+    assert abs(sample.mean() - expected) < bound, (
+        f"mean z^2 {sample.mean():.3f} +- {stats.sem(sample):.3f}, {expected:.3f}"
+    )
+    assert bound < 0.35 * expected
+    # No bias: the mean z of a seed is 0 on average; skewness couples mean and error by some hundredths.
+    drift = z.mean(1)
+    assert abs(drift.mean()) < truth.limit(1, SEEDS - 1) * stats.sem(drift) + 0.1
+
+
+def same(a, b):
+    arrays = ("fluence", "fluence_error", "radiance", "radiance_error", "absorbed")
+    equal = all(np.array_equal(getattr(a, name), getattr(b, name)) for name in arrays)
+    equal &= np.array_equal(a.image(), b.image()) and np.array_equal(
+        a.image_error(), b.image_error()
+    )
+    names = ("launched", "missed", "unscattered", "absorbed", "truncated", "roulette")
+    equal &= all(np.array_equal(getattr(a.energy, name), getattr(b.energy, name)) for name in names)
+    return (
+        equal
+        and a.energy.escaped.keys() == b.energy.escaped.keys()
+        and all(
+            np.array_equal(a.energy.escaped[face], b.energy.escaped[face])
+            for face in a.energy.escaped
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"kind": "directional", "tracker": "woodcock"},
+        {"kind": "directional", "tracker": "march", "interpolation": "nearest"},
+        {"kind": "environment", "phase": mcrt.HenyeyGreenstein, "extinction": (0.5, 2.0, 4.0)},
+    ],
+    ids=["woodcock", "march", "chromatic"],
+)
+def test_a_seed_gives_the_same_bits_on_any_number_of_threads(options):
+    options = dict(options)
+    if "phase" in options:
+        options["phase"] = options["phase"](0.7)
+    runs = [
+        scene(photons=50_000, seed=7, threads=threads, **options) for threads in (1, 2, 3, None)
+    ]
+    assert all(same(runs[0], run) for run in runs[1:])
+    assert np.array_equal(runs[0].fluence, scene(photons=5e4, seed=7, threads=1, **options).fluence)
+
+
+def test_seeds_give_different_photons():
+    a, b = (scene("directional", photons=2000, seed=seed) for seed in (7, 8))
+    assert not np.array_equal(a.fluence, b.fluence)
+    # Neighbouring seeds are independent: no correlation of their z-scores.
+    z, _ = replicas("directional")["voxel"]
+    pairs = (z[:-1] * z[1:]).mean(1)
+    assert abs(pairs.mean()) < truth.limit(1, SEEDS - 2) * stats.sem(pairs) + 0.02
+
+
+def test_merged_runs_weigh_by_their_photons():
+    a, b = (
+        scene("environment", photons=20_000, seed=1),
+        scene("environment", photons=60_000, seed=2),
+    )
+    n, m = float(a.stats["photons"]), float(b.stats["photons"])
+    merged = a + b
+    assert float(merged.stats["photons"]) == n + m
+    for name in ("fluence", "radiance"):
+        mean = (n * getattr(a, name).astype(float) + m * getattr(b, name)) / (n + m)
+        np.testing.assert_allclose(getattr(merged, name), mean, rtol=1e-5)
+        error = np.hypot(
+            n * getattr(a, name + "_error").astype(float), m * getattr(b, name + "_error")
+        ) / (n + m)
+        np.testing.assert_allclose(getattr(merged, name + "_error"), error, rtol=1e-4)
+    np.testing.assert_allclose(merged.image(), (n * a.image() + m * b.image()) / (n + m), rtol=1e-4)
+    for name in ("absorbed", "unscattered", "missed", "truncated"):
+        mean = (n * getattr(a.energy, name) + m * getattr(b.energy, name)) / (n + m)
+        assert getattr(merged.energy, name) == pytest.approx(mean, rel=1e-5, abs=1e-9)
+    assert truth.energy_sum(merged.energy) == pytest.approx(1, abs=max(1e-6, merged.energy.error))
+    assert merged.energy.launched == a.energy.launched
+
+
+def test_merged_runs_agree_with_one_long_run():
+    merged = scene("directional", photons=1e5, seed=3) + scene("directional", photons=3e5, seed=4)
+    reference = scene("directional", photons=2e6, seed=10**6)
+    voxel, pixel = truth.dof(merged), truth.dof(merged, "pixel")
+    truth.assert_z(
+        merged.fluence, reference.fluence, merged.fluence_error, reference.fluence_error, dof=voxel
+    )
+    truth.assert_z(
+        merged.image(), reference.image(), merged.image_error(), reference.image_error(), dof=pixel
+    )
+    single = scene("directional", photons=4e5, seed=5)
+    ratio = np.sqrt(
+        np.mean(merged.fluence_error.astype(float) ** 2)
+        / np.mean(single.fluence_error.astype(float) ** 2)
+    )
+    assert 0.6 < ratio < 1.7
+
+
+def test_errors_fall_as_one_over_the_root_of_the_photons():
+    errors = [
+        np.sqrt(np.mean(scene("environment", photons=n, seed=6).fluence_error.astype(float) ** 2))
+        for n in (2e4, 3.2e5)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.35)

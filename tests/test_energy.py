@@ -1,0 +1,274 @@
+"""Where the launched power goes. False alarms: 1e-5 per assertion, about 80 assertions.
+
+Fractions carry the bound sqrt(p (1 - p) / N) as their standard error.
+"""
+
+import functools
+import itertools
+
+import mcrt
+import numpy as np
+import pytest
+import truth
+from scipy import stats
+
+SHAPE, SPACING = (5, 6, 7), (1.0, 0.5, 0.7)
+SIZE = np.multiply(SHAPE, SPACING)[::-1]  # 4.9, 3, 5
+VIEW = truth.View((12, -6, 3), (2.4, 1.5, 2.6), (16, 12), fov=30)
+FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
+POINT = (-2.0, 7.0, 9.0)
+SLANT = (-0.4, 0.5, -0.8)
+
+
+def cloud():
+    rng = np.random.default_rng(81)
+    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+
+
+def run(density=None, photons=1e5, **options):
+    scene = {
+        "spacing": SPACING,
+        "extinction": 1.5,
+        "albedo": 0.8,
+        "phase": mcrt.HenyeyGreenstein(0.5),
+        "method": "photon",
+    }
+    scene |= {"light": mcrt.PointLight(POINT, 100.0), "camera": VIEW.camera(), "seed": 82}
+    return mcrt.simulate(
+        cloud() if density is None else density, photons=photons, **scene | options
+    )
+
+
+LIGHTS = {
+    "point": (lambda: mcrt.PointLight(POINT, 2.0), 8 * np.pi),
+    "point inside": (lambda: mcrt.PointLight((1.0, 2.0, 3.0), 2.0), 8 * np.pi),
+    "beam": (lambda: mcrt.PencilBeam((-1, 1.1, 2.2), (1, 0.1, 0.2), 3.0), 3.0),
+    "directional": (
+        lambda: mcrt.DirectionalLight(SLANT, 2.0),
+        2 * truth.projected_area(SLANT, SIZE),
+    ),
+    "environment": (lambda: mcrt.EnvironmentLight(0.5), 0.5 * np.pi * truth.surface(SIZE)),
+}
+
+
+@pytest.mark.parametrize("interpolation", ["nearest", "linear"])
+@pytest.mark.parametrize("max_scatterings", [None, 3])
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_energy_of_each_light_adds_up(kind, max_scatterings, interpolation):
+    light, launched = LIGHTS[kind]
+    energy = run(light=light(), max_scatterings=max_scatterings, interpolation=interpolation).energy
+    assert energy.launched == pytest.approx(launched, rel=1e-5)
+    assert set(energy.escaped) == set(FACES)
+    assert truth.energy_sum(energy) == pytest.approx(1, abs=max(1e-6, energy.error))
+    assert 0 <= energy.error < 5e-3
+    assert all(
+        v >= 0
+        for v in (
+            energy.missed,
+            energy.unscattered,
+            energy.absorbed,
+            energy.truncated,
+            *energy.escaped.values(),
+        )
+    )
+    assert (energy.truncated > 1e-4) == (max_scatterings is not None)
+    assert max_scatterings is None or energy.roulette == 0
+    missed = 1 - truth.solid_angle(POINT, SIZE) / (4 * np.pi) if kind == "point" else 0.0
+    truth.assert_z(energy.missed, missed, truth.fraction_error(missed, 1e5), relative=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["point", "environment"])
+def test_energy_of_each_channel_adds_up(kind):
+    colour = np.array([1.0, 0.5, 4.0])
+    if kind == "point":
+        light, launched = mcrt.PointLight(POINT, colour), 4 * np.pi * colour
+    else:
+        light, launched = mcrt.EnvironmentLight(colour), np.pi * truth.surface(SIZE) * colour
+    energy = run(light=light, extinction=(0.5, 1.5, 5.0), albedo=(0.9, 0.5, 0.99)).energy
+    np.testing.assert_allclose(energy.launched, launched, rtol=1e-5)
+    assert energy.absorbed.shape == (3,)
+    assert np.all(np.abs(truth.energy_sum(energy) - 1) <= np.maximum(1e-6, energy.error))
+    assert np.all(np.asarray(energy.error) < 0.05)
+
+
+def test_light_that_misses_is_missed():
+    away = mcrt.PencilBeam((-1, 1, 1), (-1, 0, 0), 3.0)
+    result = run(light=away)
+    assert result.energy.missed == pytest.approx(1, abs=1e-6)
+    assert truth.energy_sum(result.energy) == pytest.approx(1, abs=1e-6)
+    assert np.all(result.fluence == 0)
+    assert np.all(result.image() == 0)
+
+
+def test_vacuum_scatters_nothing():
+    result = run(
+        np.zeros(SHAPE, np.float32), light=mcrt.PencilBeam((-1, 1.1, 2.2), (1, 0.1, 0.2), 3.0)
+    )
+    assert result.energy.unscattered == pytest.approx(1, abs=1e-6)
+    true = 3 * truth.ray_fluence(np.zeros(SHAPE), SPACING, (-1, 1.1, 2.2), (1, 0.1, 0.2))
+    truth.assert_z(
+        result.fluence, true, result.fluence_error + 2e-4 * true.max(), dof=truth.dof(result), relative=1e-3
+    )
+
+
+def test_lights_add_up():
+    names = ("point", "directional", "environment")
+    lights = [LIGHTS[name][0]() for name in names]
+    photons = 2e5
+    alone = [run(light=light, photons=photons, seed=83 + i) for i, light in enumerate(lights)]
+    together = run(light=lights, photons=3 * photons, seed=86)
+    truth.assert_z(
+        together.fluence,
+        sum(r.fluence.astype(float) for r in alone),
+        together.fluence_error,
+        np.sqrt(sum(r.fluence_error.astype(float) ** 2 for r in alone)),
+        dof=min(truth.dof(r) for r in (together, *alone)),
+        relative=1e-3,
+    )
+    launched = sum(LIGHTS[name][1] for name in names)
+    assert together.energy.launched == pytest.approx(launched, rel=1e-5)
+    absorbed = sum(r.energy.absorbed * r.energy.launched for r in alone) / launched
+    truth.assert_z(
+        together.energy.absorbed, absorbed, truth.fraction_error(absorbed, photons), relative=2e-3
+    )
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_light_scattered_forward_escapes_by_the_face_ahead(face):
+    axis, sign = "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
+    direction, position = np.zeros(3), SIZE / 2 + 0.01
+    direction[axis], position[axis] = sign, -9.0 if sign > 0 else 19.0
+    result = run(
+        np.ones(SHAPE, np.float32),
+        light=mcrt.PencilBeam(tuple(position), tuple(direction), 1.0),
+        phase=mcrt.HenyeyGreenstein(1 - 1e-6),
+        albedo=1.0,
+        outputs=["fluence"],
+    )
+    unscattered = np.exp(-1.5 * SIZE[axis])
+    truth.assert_z(result.energy.unscattered, unscattered, truth.fraction_error(unscattered, 1e5))
+    assert result.energy.escaped[face] == pytest.approx(1 - result.energy.unscattered, abs=3e-4)
+
+
+def test_more_light_escapes_by_the_face_with_less_medium_before_it():
+    # Symmetric about the light but for the density: mirrored volumes exchange -x and +x.
+    density = np.full(SHAPE, 0.3, np.float32)
+    density[:, :, 4:] = 3.0
+    light = mcrt.PointLight(tuple(SIZE / 2), 1.0)
+    phase = mcrt.Isotropic()
+    a, b = (
+        run(d, light=light, phase=phase, seed=s).energy
+        for d, s in ((density, 87), (density[:, :, ::-1], 88))
+    )
+    assert a.escaped["-x"] > 2 * a.escaped["+x"]
+    for one, other in (
+        ("-x", "+x"),
+        ("+x", "-x"),
+        ("-y", "-y"),
+        ("+y", "-y"),
+        ("-z", "+z"),
+        ("+z", "+z"),
+    ):
+        error = truth.fraction_error(a.escaped[one], 1e5)
+        truth.assert_z(b.escaped[other], a.escaped[one], error, error, what=one)
+
+
+# ---- orders
+
+
+@functools.cache
+def capped(n):
+    return run(photons=2e5, max_scatterings=n, phase=mcrt.Isotropic(), seed=89)
+
+
+def test_no_scattering_leaves_order_0():
+    energy, result = capped(0).energy, capped(0)
+    true = truth.fluence_of_order_0(
+        truth.Point(POINT, 100.0), 1.5 * cloud().astype(float), SPACING, True
+    )
+    assert truth.relative_rms(result.fluence, true) < 0.02
+    assert np.all(result.image() == 0)
+    assert np.all(result.radiance == 0)
+    assert sum(energy.escaped.values()) == pytest.approx(0, abs=1e-6)
+    # 1 - albedo of the first collisions is absorbed, the rest truncated
+    assert energy.truncated == pytest.approx(4 * energy.absorbed, rel=1e-3)
+
+
+def test_radiance_of_one_scattering_is_albedo_times_fluence_of_order_0():
+    np.testing.assert_allclose(capped(1).radiance, 0.8 / (4 * np.pi) * capped(0).fluence, rtol=0.01)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_radiance_holds_one_order_more_than_fluence_of_isotropic_scattering(n):
+    # orders 1..n of the radiance come from incident orders 0..n-1
+    a, b = capped(n), run(photons=2e5, max_scatterings=n - 1, phase=mcrt.Isotropic(), seed=90)
+    factor = 0.8 / (4 * np.pi)
+    dof = min(truth.dof(a), truth.dof(b))
+    truth.assert_z(
+        a.radiance,
+        factor * b.fluence,
+        a.radiance_error,
+        factor * b.fluence_error,
+        dof=dof,
+        relative=3e-3,
+    )
+
+
+def test_orders_grow_to_the_uncapped_answer():
+    runs = [capped(n) for n in (0, 1, 2, 5, None)]
+    totals = [r.fluence.sum(dtype=float) for r in runs]
+    assert all(low < high for low, high in itertools.pairwise(totals))
+    cut = [r.energy.truncated for r in runs]
+    assert all(high > low for high, low in itertools.pairwise(cut))
+    assert cut[-1] == 0
+    images = [r.image().sum(dtype=float) for r in runs]
+    assert all(low < high for low, high in itertools.pairwise(images))
+
+
+def test_capped_forward_scattering_truncates_the_poisson_tail():
+    # A beam through tau 3 with all scattering forward, albedo 0.8: weight 0.8^(n+1) times P(more than n collisions).
+    n, tau, photons = 2, 3.0, 4e5
+    energy = run(
+        np.ones((6, 1, 1), np.float32),
+        photons,
+        spacing=(tau / 6, 1e4, 1e4),
+        extinction=1.0,
+        light=mcrt.PencilBeam((5e3, 5e3, -1), (0, 0, 1), 1.0),
+        phase=mcrt.HenyeyGreenstein(1 - 1e-6),
+        max_scatterings=n,
+        outputs=["fluence"],
+        camera=None,
+    ).energy
+    truncated = 0.8 ** (n + 1) * stats.poisson.sf(n, tau)
+    escaped = sum(stats.poisson.pmf(k, tau) * 0.8**k for k in (1, 2))
+    truth.assert_z(
+        energy.truncated, truncated, truth.fraction_error(truncated, photons), what="truncated"
+    )
+    truth.assert_z(
+        energy.escaped["+z"], escaped, truth.fraction_error(escaped, photons), what="escaped"
+    )
+    absorbed = 1 - truncated - escaped - np.exp(-tau)
+    truth.assert_z(
+        energy.absorbed, absorbed, truth.fraction_error(absorbed, photons), what="absorbed"
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, None])
+def test_orders_of_the_image_add_up(n):
+    result = capped(n)
+    total, first, rest = result.image(), result.image(order=1), result.image(order="2+")
+    np.testing.assert_allclose(first + rest, total, rtol=1e-5, atol=1e-7 * total.max())
+    np.testing.assert_allclose(first, capped(1).image(), rtol=1e-5, atol=1e-7 * total.max())
+    assert np.all(rest == 0) == (n == 1)
+
+
+def test_absorbed_density_integrates_to_the_absorbed_energy():
+    result = run(photons=4e5, interpolation="nearest")
+    total = np.asarray(result.absorbed, float).sum() * np.prod(SPACING) / result.energy.launched
+    truth.assert_z(
+        total,
+        result.energy.absorbed,
+        2 * truth.fraction_error(result.energy.absorbed, 4e5),
+        relative=3e-3,
+    )
+    np.testing.assert_allclose(result.absorbed, 0.2 * 1.5 * cloud() * result.fluence, rtol=1e-5)

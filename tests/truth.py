@@ -1,0 +1,520 @@
+"""Truths that the tests compare with, and the statistics of comparing.
+
+Everything here is closed form or quadrature; nothing uses the package but `View.camera`. World points are `(x, y, z)`,
+arrays and spacings `(z, y, x)`. Boxes have their lower corner at the origin.
+
+False alarms: `assert_z` and `limit` take `ALPHA` as the two-sided false-alarm probability of a whole family of
+comparisons (Bonferroni over its members, so correlated members only make it smaller).
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import integrate, optimize, stats
+
+ALPHA = 1e-5  # false-alarm probability of one assertion
+
+
+# ---------------------------------------------------------------------------------------------------------- statistics
+
+
+def limit(count=1, dof=np.inf, alpha=ALPHA):
+    """The |z| that `count` comparisons exceed anywhere with probability `alpha` at most (Student's t, Bonferroni)."""
+    return stats.t.isf(alpha / (2 * count), dof)
+
+
+def z_scores(value, truth, error, truth_error=0.0, relative=1e-4):
+    """(value - truth) / standard error; `relative` is what rounding and quadrature may add to it, as part of truth."""
+    truth = np.asarray(truth, float)
+    scale = np.sqrt(
+        np.square(error, dtype=float)
+        + np.square(truth_error, dtype=float)
+        + (relative * truth) ** 2
+    )
+    difference = np.asarray(value, float) - truth
+    return np.where(difference == 0, 0.0, difference / np.where(scale > 0, scale, 1e-300))
+
+
+def assert_z(value, truth, error, truth_error=0.0, *, dof=np.inf, relative=1e-4, what=""):
+    """Every value within its family-wise bound of the truth."""
+    assert np.all(np.isfinite(value)), f"{what}: not finite"
+    z = z_scores(value, truth, error, truth_error, relative)
+    worst = np.unravel_index(np.argmax(np.abs(z)), z.shape) if z.ndim else ()
+    bound = limit(z.size, dof)
+    assert abs(z[worst]) < bound, (
+        f"{what}: z = {z[worst]:.2f} at {tuple(map(int, worst))}, bound {bound:.2f}; got {np.asarray(value)[worst]}, "
+        f"truth {np.broadcast_to(truth, z.shape)[worst]}; z of all: mean {z.mean():.2f}, rms {np.sqrt((z**2).mean()):.2f}"
+    )
+
+
+def assert_mean(samples, truth, *, what=""):
+    """The mean of independent, equally distributed samples is the truth (one-sample t test)."""
+    samples = np.asarray(samples, float)
+    assert_z(
+        samples.mean(), truth, stats.sem(samples), dof=len(samples) - 1, relative=1e-5, what=what
+    )
+
+
+def fraction_error(p, photons):
+    """Standard error bound of a fraction p of the launched power scored with weights in [0, 1]: sqrt(p (1 - p) / N)."""
+    return np.sqrt(np.clip(np.multiply(p, 1 - np.asarray(p)), 0, None) / photons)
+
+
+def relative_rms(value, truth):
+    """sqrt(mean((value - truth)^2)) / mean(truth)."""
+    return np.sqrt(np.mean(np.square(np.asarray(value, float) - truth))) / np.mean(truth)
+
+
+# ---------------------------------------------------------------------------------------------- phase functions [1/sr]
+
+
+def isotropic(cos_theta):
+    return np.full_like(np.asarray(cos_theta, float), 1 / (4 * np.pi))
+
+
+def rayleigh(cos_theta):
+    return 3 / (16 * np.pi) * (1 + np.square(cos_theta))
+
+
+def hg(g):
+    return lambda cos_theta: (
+        (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * np.asarray(cos_theta, float)) ** 1.5)
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------- geometry
+
+
+def box_interval(origin, direction, size):
+    """Distances (near >= 0, far) along rays inside the box [0, size]; near >= far where a ray misses."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (0 - origin) / direction, (np.asarray(size, float) - origin) / direction
+    parallel = direction == 0
+    inside = (origin >= 0) & (origin <= size)
+    near = np.where(parallel, np.where(inside, -np.inf, np.inf), np.minimum(a, b))
+    far = np.where(parallel, np.where(inside, np.inf, -np.inf), np.maximum(a, b))
+    near, far = np.maximum(near.max(-1), 0), far.min(-1)
+    return np.where(np.isfinite(near), near, 0), np.where(np.isfinite(near), far, -1)
+
+
+def solid_angle(point, size):
+    """Solid angle [sr] of the box [0, size] from a point outside: sum over the faces that the point sees.
+
+    A face seen from height d above the corner of an a x b rectangle fills atan(a b / (d sqrt(a^2 + b^2 + d^2))).
+    """
+    total = 0.0
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        for height in (-point[axis], point[axis] - size[axis]):
+            if height > 0:
+                for su, a in ((1, size[u] - point[u]), (-1, -point[u])):
+                    for sv, b in ((1, size[v] - point[v]), (-1, -point[v])):
+                        total += (
+                            su
+                            * sv
+                            * np.arctan(a * b / (height * np.sqrt(a * a + b * b + height * height)))
+                        )
+    return total
+
+
+def surface(size):
+    x, y, z = size
+    return 2 * (x * y + y * z + z * x)
+
+
+def mean_chord(size):
+    """Mean path length of photons that enter a non-absorbing body with Lambert's law: 4 V / S, whatever scatters."""
+    return 4 * np.prod(size) / surface(size)
+
+
+def projected_area(direction, size):
+    """Area of the box seen along a direction: sum of |n . d| over three faces."""
+    d = np.abs(np.asarray(direction, float)) / np.linalg.norm(direction)
+    return d[0] * size[1] * size[2] + d[1] * size[0] * size[2] + d[2] * size[0] * size[1]
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera by the conventions: `fov` [deg] or `width` along x, row 0 on top, columns to the right."""
+
+    origin: tuple
+    target: tuple
+    resolution: tuple
+    fov: float = 0.0
+    width: float = 0.0
+    up: tuple = (0, 0, 1)
+
+    def camera(self):
+        import mcrt
+
+        if self.fov:
+            return mcrt.PerspectiveCamera(
+                self.origin, self.target, self.up, self.fov, self.resolution
+            )
+        return mcrt.OrthographicCamera(
+            self.origin, self.target, self.up, self.width, self.resolution
+        )
+
+    def rays(self, sub=1):
+        """Origins and directions (h, w, sub^2, 3) at Gauss-Legendre nodes of each pixel, and their weights."""
+        w, h = self.resolution
+        node, weight = np.polynomial.legendre.leggauss(sub)
+        x = (2 * (np.arange(w)[:, None] + (node + 1) / 2) / w - 1)[None, :, None, :]
+        y = (1 - 2 * (np.arange(h)[:, None] + (node + 1) / 2) / h)[:, None, :, None]
+        shape = (h, w, sub, sub)
+        x, y = (np.broadcast_to(v, shape).reshape(h, w, sub * sub, 1) for v in (x, y * h / w))
+        forward = np.subtract(self.target, self.origin, dtype=float)
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, self.up)
+        right /= np.linalg.norm(right)
+        above = np.cross(right, forward)
+        half = np.tan(np.radians(self.fov / 2)) if self.fov else self.width / 2
+        offset = half * (x * right + y * above)
+        if self.fov:
+            direction = forward + offset
+            direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+            origin = np.broadcast_to(np.asarray(self.origin, float), direction.shape)
+        else:
+            origin = np.asarray(self.origin, float) + offset
+            direction = np.broadcast_to(forward, origin.shape)
+        return origin, direction, np.outer(weight, weight).ravel() / 4
+
+
+# ----------------------------------------------------------------------------------------------------- optical depth
+
+
+def density_at(density, spacing, points, linear):
+    """Density at world points inside the box: voxel constant, or trilinear between centres and clamped."""
+    u = np.asarray(points, float)[..., ::-1] / np.asarray(spacing, float)
+    top = np.array(density.shape) - 1
+    if not linear:
+        index = np.clip(np.floor(u).astype(int), 0, top)
+        return density[tuple(np.moveaxis(index, -1, 0))]
+    u = np.clip(u - 0.5, 0, top)
+    low = np.minimum(np.floor(u).astype(int), np.maximum(top - 1, 0))
+    f = u - low
+    total = 0.0
+    for corner in np.ndindex(2, 2, 2):
+        index = np.minimum(low + corner, top)
+        weight = np.prod(np.where(corner, f, 1 - f), axis=-1)
+        total = total + weight * density[tuple(np.moveaxis(index, -1, 0))]
+    return total
+
+
+def optical_depth(density, spacing, start, end, linear=False):
+    """Integral of the density along segments inside the box, exact: the segments are cut at every voxel plane (or
+    centre plane), and between cuts the density is a constant (or a cubic: two Gauss nodes)."""
+    start, end = (np.asarray(p, float) for p in np.broadcast_arrays(start, end))
+    step = end - start
+    cuts = [np.zeros((*start.shape[:-1], 1)), np.ones((*start.shape[:-1], 1))]
+    for axis in range(3):
+        n, h = density.shape[2 - axis], np.broadcast_to(spacing, 3)[2 - axis]
+        planes = (np.arange(n) + 0.5) * h if linear else np.arange(1, n) * h
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (planes - start[..., axis, None]) / step[..., axis, None]
+        cuts.append(np.clip(np.nan_to_num(t, posinf=0, neginf=0), 0, 1))
+    cuts = np.sort(np.concatenate(cuts, -1), -1)
+    length = np.diff(cuts) * np.linalg.norm(step, axis=-1)[..., None]
+    total = 0.0
+    for node in (-1 / np.sqrt(3), 1 / np.sqrt(3)) if linear else (0.0,):
+        t = cuts[..., :-1] + np.diff(cuts) * (node + 1) / 2
+        sigma = density_at(
+            density,
+            np.broadcast_to(spacing, 3),
+            start[..., None, :] + t[..., None] * step[..., None, :],
+            linear,
+        )
+        total = total + (sigma * length).sum(-1)
+    return total / (2 if linear else 1)
+
+
+# ---------------------------------------------------------------------------------- single scattering, homogeneous box
+
+
+@dataclass(frozen=True)
+class Point:
+    position: tuple
+    intensity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Directional:
+    direction: tuple
+    irradiance: float = 1.0
+
+
+def unscattered(light, points, size, sigma):
+    """Directions of travel at the points of a homogeneous box, and the fluence [W/m^2] of the unscattered light."""
+    if isinstance(light, Point):
+        travel = points - np.asarray(light.position, float)
+        distance = np.linalg.norm(travel, axis=-1)
+        travel = travel / distance[..., None]
+        near, _ = box_interval(
+            np.broadcast_to(np.asarray(light.position, float), points.shape), travel, size
+        )
+        return travel, light.intensity / distance**2 * np.exp(-sigma * (distance - near))
+    travel = np.broadcast_to(
+        np.asarray(light.direction, float) / np.linalg.norm(light.direction), points.shape
+    )
+    _, far = box_interval(points, -travel, size)
+    return travel, light.irradiance * np.exp(-sigma * far)
+
+
+def single_scattering(origin, direction, size, sigma, albedo, phase, light, segments=32, order=6):
+    """Radiance of light scattered once towards the rays' origins:
+
+    L = albedo sigma int P(cos) Phi_0(x(t)) exp(-sigma (t - near)) dt over the ray's path in the box; for a point light
+    in the angle at the light, which takes the 1/r^2 out (equi-angular; Kulla & Fajardo 2012).
+    """
+    near, far = box_interval(origin, direction, size)
+    hit = far > near
+    far = np.where(hit, far, near)
+    node, weight = np.polynomial.legendre.leggauss(order)
+    u = ((np.arange(segments)[:, None] + (node + 1) / 2) / segments).ravel()
+    du = np.tile(weight / 2 / segments, segments)
+    if isinstance(light, Point):
+        closest = ((np.asarray(light.position, float) - origin) * direction).sum(-1)
+        apart = np.linalg.norm(origin + closest[..., None] * direction - light.position, axis=-1)
+        low, high = np.arctan2(near - closest, apart), np.arctan2(far - closest, apart)
+        angle = low[..., None] + (high - low)[..., None] * u
+        t = closest[..., None] + apart[..., None] * np.tan(angle)
+        dt = (high - low)[..., None] * du * apart[..., None] / np.cos(angle) ** 2
+    else:
+        t = near[..., None] + (far - near)[..., None] * u
+        dt = (far - near)[..., None] * du
+    points = origin[..., None, :] + t[..., None] * direction[..., None, :]
+    travel, fluence = unscattered(light, points, size, sigma)
+    cosine = -(travel * direction[..., None, :]).sum(-1)
+    total = (phase(cosine) * fluence * np.exp(-sigma * (t - near[..., None])) * dt).sum(-1)
+    return np.where(hit, albedo * sigma * total, 0.0)
+
+
+def single_image(view, size, sigma, albedo, phase, light, sub=3, **quadrature):
+    """Image (h, w) of order 1: pixel means."""
+    origin, direction, weight = view.rays(sub)
+    return (
+        single_scattering(origin, direction, size, sigma, albedo, phase, light, **quadrature)
+        * weight
+    ).sum(-1)
+
+
+def transmittance_image(view, density, spacing, linear=False, sub=3):
+    """Image (h, w) of the pixel means of exp(-tau) through the whole box."""
+    origin, direction, weight = view.rays(sub)
+    size = np.multiply(density.shape, spacing)[::-1]
+    near, far = box_interval(origin, direction, size)
+    far = np.maximum(near, far)
+    tau = optical_depth(
+        density,
+        spacing,
+        origin + near[..., None] * direction,
+        origin + far[..., None] * direction,
+        linear,
+    )
+    return (np.exp(-np.where(far > near, tau, 0)) * weight).sum(-1)
+
+
+# ------------------------------------------------------------------------------------------- fluence of order 0, means
+
+
+def voxel_nodes(shape, spacing, order):
+    """Gauss-Legendre nodes of every voxel (nz, ny, nx, order^3, 3) as world points, and their weights (order^3)."""
+    node, weight = np.polynomial.legendre.leggauss(order)
+    axes = [
+        (np.arange(n)[:, None] + (node + 1) / 2) * h
+        for n, h in zip(shape, np.broadcast_to(spacing, 3), strict=True)
+    ]
+    nz, ny, nx = shape
+    z = axes[0].reshape(nz, 1, 1, order, 1, 1)
+    y = axes[1].reshape(1, ny, 1, 1, order, 1)
+    x = axes[2].reshape(1, 1, nx, 1, 1, order)
+    points = np.stack(np.broadcast_arrays(x, y, z), -1).reshape(nz, ny, nx, order**3, 3)
+    return points, (weight[:, None, None] * weight[:, None] * weight).ravel() / 8
+
+
+def fluence_of_order_0(light, density, spacing, linear=False, order=4):
+    """Voxel means of the unscattered fluence of a light outside (or not too close) by quadrature."""
+    points, weight = voxel_nodes(density.shape, spacing, order)
+    size = np.multiply(density.shape, np.broadcast_to(spacing, 3))[::-1]
+    if isinstance(light, Point):
+        step = np.asarray(light.position, float) - points
+    else:
+        step = np.broadcast_to(-np.asarray(light.direction, float), points.shape)
+    distance = np.linalg.norm(step, axis=-1)
+    back = step / distance[..., None]
+    _, far = box_interval(points, back, size)
+    if isinstance(light, Point):
+        far = np.minimum(far, distance)
+        free = light.intensity / distance**2
+    else:
+        free = light.irradiance
+    tau = optical_depth(density, spacing, points, points + far[..., None] * back, linear)
+    return (free * np.exp(-tau) * weight).sum(-1)
+
+
+def fluence_of_inner_point(position, intensity, shape, spacing, sigma, order=24):
+    """Voxel means of I exp(-sigma r) / r^2, the light anywhere inside, also in the voxel itself: Gauss's theorem,
+
+    as exp(-sigma r) / r^2 = div [ (1 - exp(-sigma r)) / sigma r_hat / r^2 ]: a sum over the voxel's six faces.
+    """
+    spacing = np.broadcast_to(np.asarray(spacing, float), 3)
+    hz, hy, hx = spacing
+    node, weight = np.polynomial.legendre.leggauss(order)
+    k, j, i = np.indices(shape)
+    low = np.stack([i * hx, j * hy, k * hz], -1) - np.asarray(position, float)
+    size = np.array([hx, hy, hz])
+    total = np.zeros(shape)
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        pu = low[..., u, None, None] + size[u] * (node[:, None] + 1) / 2
+        pv = low[..., v, None, None] + size[v] * (node[None, :] + 1) / 2
+        for sign, side in ((-1, low[..., axis]), (1, low[..., axis] + size[axis])):
+            height = side[..., None, None]
+            r = np.sqrt(pu**2 + pv**2 + height**2)
+            flux = -np.expm1(-sigma * r) / sigma if sigma else r
+            integrand = flux * sign * height / r**3
+            total += np.einsum("kjiuv,u,v->kji", integrand, weight, weight) * size[u] * size[v] / 4
+    return intensity * total / np.prod(spacing)
+
+
+def ray_fluence(density, spacing, start, direction, response=None, linear=False, nodes=16):
+    """Fluence (nz, ny, nx) per watt of a straight beam: integral of response(tau(t)) dt in each voxel / its volume.
+
+    `response(tau)` is exp(-tau) (unscattered light) or, where all scattering is forward, the probability of at most n
+    collisions, `scipy.stats.poisson.cdf(n, tau)`.
+    """
+    response = response or (lambda tau: np.exp(-tau))
+    spacing = np.broadcast_to(np.asarray(spacing, float), 3)
+    size = np.multiply(density.shape, spacing)[::-1]
+    start, direction = (
+        np.asarray(start, float),
+        np.asarray(direction, float) / np.linalg.norm(direction),
+    )
+    near, far = box_interval(start, direction, size)
+    cuts = [near, far]
+    for axis in range(3):
+        if direction[axis]:
+            planes = np.arange(density.shape[2 - axis] + 1) * spacing[2 - axis]
+            cuts += list((planes - start[axis]) / direction[axis])
+    cuts = np.unique(np.clip(cuts, near, far))
+    entry = start + near * direction
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    fluence = np.zeros(density.shape)
+    for a, b in itertools.pairwise(cuts):
+        if b - a > 1e-12 * (far - near):
+            t = a + (b - a) * (x + 1) / 2
+            tau = optical_depth(density, spacing, entry, start + t[:, None] * direction, linear)
+            voxel = tuple(
+                np.minimum(
+                    ((start + (a + b) / 2 * direction)[::-1] / spacing).astype(int),
+                    np.array(density.shape) - 1,
+                )
+            )
+            fluence[voxel] += (response(tau) * w).sum() * (b - a) / 2
+    return fluence / np.prod(spacing)
+
+
+# ------------------------------------------------------------------------------------------------- half space, infinite
+
+
+def h_function(albedo, mu, nodes=200):
+    """Chandrasekhar's H(mu) of isotropic scattering: 1 / H = sqrt(1 - a) + a/2 int_0^1 t H(t) / (mu + t) dt."""
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    t, w = (x + 1) / 2, w / 2
+    h = np.ones(nodes)
+    for _ in range(2000):
+        new = 1 / (np.sqrt(1 - albedo) + albedo / 2 * ((w * t * h) / (t[:, None] + t)).sum(-1))
+        if np.abs(new - h).max() < 1e-14:
+            break
+        h = 0.5 * (h + new)
+    return 1 / (
+        np.sqrt(1 - albedo)
+        + albedo / 2 * ((w * t * h) / (np.asarray(mu, float)[..., None] + t)).sum(-1)
+    )
+
+
+def half_space_reflection(albedo, mu0):
+    """R(mu0) = 1 - sqrt(1 - a) H(mu0)."""
+    return 1 - np.sqrt(1 - albedo) * h_function(albedo, mu0)
+
+
+def infinite_fluence(r, c):
+    """Fluence per watt at r [mean free paths] of an isotropic point source, isotropic scattering of albedo c
+    (Case, de Hoffmann & Placzek 1953): one discrete mode, and an integral over exp(-r / mu)."""
+    kappa = optimize.brentq(lambda k: c * np.arctanh(k) / k - 1, 1e-9, 1 - 1e-15)
+    discrete = 2 * kappa**2 * (1 - kappa**2) / (c * (c - 1 + kappa**2)) * np.exp(-kappa * r)
+
+    # In v = 1/mu - 1 on [0, inf): int_0^1 g(mu) exp(-r/mu) / mu^2 dmu = exp(-r) int g exp(-r v) dv.
+    x, w = np.polynomial.legendre.leggauss(400)
+    s, w = (x + 1) / 2, w / 2
+    v, dv = (s / (1 - s)) ** 2, w * 2 * s / (1 - s) ** 3
+    mu = 1 / (1 + v)
+    atanh = 0.5 * np.log((2 + v) / np.maximum(v, 1e-300))
+    g = 1 / ((1 - c * mu * atanh) ** 2 + (np.pi * c * mu / 2) ** 2)
+    r = np.asarray(r, float)
+    continuum = np.exp(-r) * (g * dv * np.exp(-r[..., None] * v)).sum(-1)
+    return (discrete + continuum) / (4 * np.pi * r)
+
+
+def infinite_absorbed(radius, c):
+    """Fraction of the power absorbed within a radius: (1 - c) int 4 pi r^2 Phi dr."""
+    return (1 - c) * integrate.quad(
+        lambda r: 4 * np.pi * r * r * infinite_fluence(r, c), 0, radius, epsabs=1e-10, limit=200
+    )[0]
+
+
+def moments(sigma_a, sigma_s, g1, g2):
+    """<r^2> and <r^4> of the places of absorption around a point source, for Legendre moments g1, g2 of the phase."""
+    s0, s1, s2 = sigma_a, sigma_a + sigma_s * (1 - g1), sigma_a + sigma_s * (1 - g2)
+    return 2 / (s0 * s1), 32 / (3 * s0 * s1**2 * s2) + 40 / (3 * s0**2 * s1**2)
+
+
+def binned_moments(weight, h, centre):
+    """<r^2> and <r^4> of a density summed over cubic voxels of side h, with Sheppard's corrections
+
+    (a voxel's centre is the place plus an independent uniform offset): <r^2> = sum c^2 - h^2/4;
+    <r^4> = sum c^4 - 5/6 h^2 <r^2> - 19/240 h^4.
+    """
+    z, y, x = (
+        ((np.arange(n) + 0.5) * h - c) ** 2 for n, c in zip(weight.shape, centre[::-1], strict=True)
+    )
+    c2 = z[:, None, None] + y[:, None] + x
+    r2 = (weight * c2).sum() / weight.sum() - h * h / 4
+    return r2, (weight * c2**2).sum() / weight.sum() - 5 / 6 * h * h * r2 - 19 / 240 * h**4
+
+
+def ball_overlap(shape, h, centre, radius, sub=8):
+    """The share of each cubic voxel within a ball, and that part's first moment about the centre."""
+    z, y, x = ((np.arange(n) + 0.5) * h - c for n, c in zip(shape, centre[::-1], strict=True))
+    middle = np.stack(np.meshgrid(z, y, x, indexing="ij"), -1)
+    distance = np.linalg.norm(middle, axis=-1)
+    share, moment = (distance < radius).astype(float), np.zeros((3, *shape))
+    cut = np.abs(distance - radius) < h * np.sqrt(3) / 2
+    node = ((np.arange(sub) + 0.5) / sub - 0.5) * h
+    offset = np.stack(np.meshgrid(node, node, node, indexing="ij"), -1).reshape(-1, 3)
+    inside = np.linalg.norm(middle[cut][:, None, :] + offset, axis=-1) < radius
+    share[cut] = inside.mean(-1)
+    moment[:, cut] = (inside @ offset / sub**3).T
+    return share, moment
+
+
+def within_ball(field, h, centre, radius):
+    """Integral of a field given by voxel means over a ball, its gradient taken from central differences."""
+    share, moment = ball_overlap(field.shape, h, centre, radius)
+    slope = np.stack(np.gradient(field, h))
+    return ((field * share + (slope * moment).sum(0)).sum()) * h**3
+
+
+# ------------------------------------------------------------------------------------------------------ what a run says
+
+
+def dof(result, of="voxel"):
+    """Degrees of freedom of Student's t that the z-scores of a result's voxels or pixels follow."""
+    return result.stats["degrees_of_freedom" if of == "voxel" else "degrees_of_freedom_pixel"]
+
+
+def energy_sum(energy):
+    """All fractions of the launched power: 1."""
+    parts = (energy.missed, energy.unscattered, energy.absorbed, energy.truncated, energy.roulette)
+    return sum(np.asarray(part, float) for part in (*parts, *energy.escaped.values()))
