@@ -25,7 +25,8 @@ def test_cube60_absorbs_as_mcx(tracker):
         method="photon",
         seed=31,
     )
-    # 0.1769 as published, four digits; one photon's absorbed weight has a standard deviation below 0.25.
+    # 0.1769 as published, four digits; one photon's absorbed weight has a standard deviation below
+    # 0.25.
     truth.assert_z(result.energy.absorbed, 0.1769, np.hypot(0.25 / np.sqrt(PHOTONS), 5e-5))
     # The absorbed power density integrates to the absorbed fraction, which is tallied by itself.
     assert np.asarray(result.absorbed, float).sum() == pytest.approx(

@@ -107,7 +107,11 @@ def test_vacuum_scatters_nothing():
     assert result.energy.unscattered == pytest.approx(1, abs=1e-6)
     true = 3 * truth.ray_fluence(np.zeros(SHAPE), SPACING, (-1, 1.1, 2.2), (1, 0.1, 0.2))
     truth.assert_z(
-        result.fluence, true, result.fluence_error + 2e-4 * true.max(), dof=truth.dof(result), relative=1e-3
+        result.fluence,
+        true,
+        result.fluence_error + 2e-4 * true.max(),
+        dof=truth.dof(result),
+        relative=1e-3,
     )
 
 
@@ -226,7 +230,8 @@ def test_orders_grow_to_the_uncapped_answer():
 
 
 def test_capped_forward_scattering_truncates_the_poisson_tail():
-    # A beam through tau 3 with all scattering forward, albedo 0.8: weight 0.8^(n+1) times P(more than n collisions).
+    # A beam through tau 3 with all scattering forward, albedo 0.8: weight 0.8^(n+1) times P(more
+    # than n collisions).
     n, tau, photons = 2, 3.0, 4e5
     energy = run(
         np.ones((6, 1, 1), np.float32),

@@ -1,8 +1,10 @@
-"""White furnace: a constant environment of radiance 1 and no absorption give fluence 4 pi in every voxel and radiance 1
-along every ray, whatever the heterogeneity, the phase function and the tracker.
+"""White furnace: a constant environment of radiance 1 and no absorption give fluence 4 pi in every
+voxel and radiance 1 along every ray, whatever the heterogeneity, the phase function and the
+tracker.
 
-False alarms: 1e-5 per assertion, about 90 assertions (Bonferroni over voxels and pixels, which share photons).
-Path lengths: each run's mean over the volume is one sample of a Student's t test over the independent runs.
+False alarms: 1e-5 per assertion, about 90 assertions (Bonferroni over voxels and pixels, which
+share photons). Path lengths: each run's mean over the volume is one sample of a Student's t test
+over the independent runs.
 """
 
 import functools
@@ -110,7 +112,8 @@ def test_white_furnace_radiance_is_one_for_an_eye_inside(medium, phase):
 
 @pytest.mark.parametrize("medium", MEDIA)
 def test_mean_path_length_is_four_volumes_over_surface(medium):
-    # integral of the fluence / entering power = mean path; independent runs, one for each phase function
+    # integral of the fluence / entering power = mean path; independent runs, one for each phase
+    # function
     power = np.pi * truth.surface(SIZE)
     path = [furnace(medium, p).fluence.sum(dtype=float) * np.prod(SPACING) / power for p in PHASES]
     truth.assert_mean(path, truth.mean_chord(SIZE))

@@ -1,7 +1,9 @@
-"""A point source in an infinite medium: a box so large that what escapes is below 1e-4 of the numbers tested.
+"""A point source in an infinite medium: a box so large that what escapes is below 1e-4 of the
+numbers tested.
 
-False alarms: 1e-5 per assertion, about 15 assertions. The standard errors are those of analog absorption,
-sqrt(p (1 - p) / N) for a fraction and sqrt(<r^2n> - <r^n>^2) / sqrt(N) for a moment: weights only lower them.
+False alarms: 1e-5 per assertion, about 15 assertions. The standard errors are those of analog
+absorption, sqrt(p (1 - p) / N) for a fraction and sqrt(<r^2n> - <r^n>^2) / sqrt(N) for a moment:
+weights only lower them.
 """
 
 import functools
@@ -66,7 +68,8 @@ def test_fluence_at_a_distance_is_that_of_case_de_hoffmann_and_placzek(r, true):
 
 
 def test_fluence_around_the_light_is_spherical():
-    # Shares of the absorbed power in the six pyramids over the faces: 1/6 each, in a cube around the light.
+    # Shares of the absorbed power in the six pyramids over the faces: 1/6 each, in a cube around
+    # the light.
     absorbed = np.asarray(diffusing().absorbed, float)
     share = [
         half.sum()
@@ -106,7 +109,8 @@ def test_moments_of_absorption_follow_the_legendre_moments(phase, g1, g2, cells,
     )
     r2, r4 = truth.binned_moments(np.asarray(result.absorbed, float), h, centre)
     true2, true4 = truth.moments(sigma_a, sigma_s, g1, g2)
-    # 0.1 %: what Sheppard's corrections leave of the light's 1/r^2 (0.08 %, measured on exact voxel means).
+    # 0.1 %: what Sheppard's corrections leave of the light's 1/r^2 (0.08 %, measured on exact voxel
+    # means).
     truth.assert_z(r2, true2, np.sqrt((true4 - true2**2) / photons), relative=1e-3, what="<r^2>")
     # <r^8> / <r^4>^2 is 25 where the density falls as exp(-r / l) / r.
     truth.assert_z(r4, true4, np.sqrt(24 / photons) * true4, relative=1e-3, what="<r^4>")

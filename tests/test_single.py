@@ -1,7 +1,8 @@
 """Orders 0 and 1 against quadrature. Everything here is deterministic: no false alarms.
 
-Bounds on images are relative RMS (rms of the difference / mean of the truth): 0.2 % where the box fills the picture,
-which is what a picture needs to look the same at 8 bits; 1 % where silhouettes and edges of the box cross coarse pixels.
+Bounds on images are relative RMS (rms of the difference / mean of the truth): 0.2 % where the box
+fills the picture, which is what a picture needs to look the same at 8 bits; 1 % where silhouettes
+and edges of the box cross coarse pixels.
 """
 
 import mcrt
@@ -71,7 +72,9 @@ def test_single_scattering_matches_quadrature_for_other_eyes(light, view, interp
     image = run(
         light, view, extinction=sigma, albedo=0.9, phase=phase, interpolation=interpolation
     ).image()
-    assert_close(image, truth.single_image(view, SIZE, sigma, 0.9, truth.hg(0.5), light, **QUADRATURE))
+    assert_close(
+        image, truth.single_image(view, SIZE, sigma, 0.9, truth.hg(0.5), light, **QUADRATURE)
+    )
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.5])
@@ -80,14 +83,17 @@ def test_single_scattering_matches_quadrature_with_the_light_inside(light, sigma
     view = View((-9, -14, 12), (3.4, 4.4, 4.2), (31, 23), fov=14)
     image = run(light, view, extinction=sigma, albedo=0.9).image()
     true = truth.single_image(view, SIZE, sigma, 0.9, truth.isotropic, light, **QUADRATURE)
-    # Next to the light the radiance is as 1 / distance: not a matter of quadrature within a pixel or two.
+    # Next to the light the radiance is as 1 / distance: not a matter of quadrature within a pixel
+    # or two.
     near = np.unravel_index(np.argmax(true), true.shape)
     row, column = np.indices(true.shape)
     far = np.hypot(row - near[0], column - near[1]) > 3
     assert_close(image[far], true[far])
     assert np.isfinite(image).all()
     origin, direction, weight = view.rays(40)
-    ray = truth.single_scattering(origin[near], direction[near], SIZE, sigma, 0.9, truth.isotropic, light)
+    ray = truth.single_scattering(
+        origin[near], direction[near], SIZE, sigma, 0.9, truth.isotropic, light
+    )
     assert image[near] == pytest.approx((ray * weight).sum(), rel=0.05)
 
 
@@ -96,7 +102,11 @@ def test_pixel_is_the_mean_over_its_area():
     view = View((-9, -14, 12), (3, 4, 4), (8, 6), fov=36)
     image = run(OUTSIDE, view, extinction=0.3).image()
     assert_close(
-        image, truth.single_image(view, SIZE, 0.3, 0.9, truth.isotropic, OUTSIDE, sub=16, segments=8, order=4), 0.01
+        image,
+        truth.single_image(
+            view, SIZE, 0.3, 0.9, truth.isotropic, OUTSIDE, sub=16, segments=8, order=4
+        ),
+        0.01,
     )
 
 
@@ -120,14 +130,16 @@ def test_extinction_of_each_channel_attenuates_that_channel():
 
 
 def test_albedo_of_each_voxel_scales_its_scattering():
-    # Two halves of different albedo, seen along x: the near half's albedo holds for the near half's light.
+    # Two halves of different albedo, seen along x: the near half's albedo holds for the near half's
+    # light.
     albedo = np.full(SHAPE, 0.8, np.float32)
     albedo[:, :, 6:] = 0.0
     view = View((-20, 4, 4), (3, 4, 4), (16, 16), width=4.0)
     image = run(BESIDE, view, extinction=0.3, albedo=albedo).image()
     origin, direction, weight = view.rays(6)
     both = truth.single_scattering(origin, direction, SIZE, 0.3, 0.8, truth.isotropic, BESIDE)
-    # What the far half adds: seen from the plane x = 3 through 3 lengths of the near half, light through all of the box.
+    # What the far half adds: seen from the plane x = 3 through 3 lengths of the near half, light
+    # through all of the box.
     x = 3 + 3 * (np.polynomial.legendre.leggauss(40)[0] + 1) / 2
     w = np.polynomial.legendre.leggauss(40)[1] * 3 / 2
     points = origin[..., None, :] + (x - origin[..., :1])[..., None] * direction[..., None, :]
@@ -166,7 +178,7 @@ def test_alpha_is_one_minus_transmittance(interpolation, view):
     alpha = run(OUTSIDE, view, density, extinction=0.4, interpolation=interpolation).alpha(
         view.camera()
     )
-    true = 1 - truth.transmittance_image(view, 0.4 * density, SPACING, linear, sub=8)
+    true = 1 - truth.transmittance_image(view, 0.4 * density, SPACING, linear, sub=4)
     assert_close(alpha, true, 0.005)  # voxel faces cross the pixels
 
 
@@ -203,16 +215,16 @@ def test_fluence_in_a_heterogeneous_volume_follows_beer_lambert(interpolation, l
     linear = interpolation == "linear"
     density = blobs(linear)
     fluence = run(light, density=density, extinction=0.4, interpolation=interpolation).fluence
-    order = 8 if light is WITHIN else 4
+    order = 4 if linear else 6  # of the truth: 0.5 % RMS where shadows cross voxels
     true = truth.fluence_of_order_0(
         light, 0.4 * density.astype(float), SPACING, linear, order=order
     )
     away = np.ones(SHAPE, bool)
-    if light is WITHIN:  # Gauss nodes do not resolve 1/r^2 in the voxels next to the light
+    if light is WITHIN:  # Gauss nodes do not resolve 1/r^2 next to the light
         points, _ = truth.voxel_nodes(SHAPE, SPACING, 1)
-        away = np.linalg.norm(points[..., 0, :] - light.position, axis=-1) > 2
+        away = np.linalg.norm(points[..., 0, :] - light.position, axis=-1) > 2.5
     error = fluence[away] / true[away] - 1
-    # Shadows of single voxels cross the others' insides where the density jumps from voxel to voxel.
+    # Shadow edges of single voxels run through others where the density jumps.
     assert np.sqrt(np.mean(error**2)) < (0.005 if linear else 0.02)
     assert abs((fluence[away].sum(dtype=float)) / true[away].sum() - 1) < 0.002
 
@@ -245,7 +257,9 @@ def test_fluence_of_a_pencil_beam_is_its_path_in_each_voxel(direction, interpola
     true = 3 * truth.ray_fluence(
         0.4 * density.astype(float), SPACING, start, direction, linear=linear
     )
-    truth.assert_z(result.fluence, true, np.hypot(result.fluence_error, 2e-4 * true.max()), relative=3e-3)
+    truth.assert_z(
+        result.fluence, true, np.hypot(result.fluence_error, 2e-4 * true.max()), relative=3e-3
+    )
 
 
 @pytest.mark.parametrize("method", ["auto", "single", "photon"])

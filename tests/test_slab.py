@@ -1,8 +1,8 @@
 """Slabs and half spaces against adding-doubling and H-function values.
 
-Slabs are boxes one voxel wide and 1e4 or more lengths across. False alarms: 1e-5 per assertion, about 60 assertions.
-Fractions of the launched power carry the bound sqrt(p (1 - p) / N) as their standard error: the bounds are generous
-by what stratified first collisions save.
+Slabs are boxes one voxel wide and 1e4 or more lengths across. False alarms: 1e-5 per assertion,
+about 60 assertions. Fractions of the launched power carry the bound sqrt(p (1 - p) / N) as their
+standard error: the bounds are generous by what stratified first collisions save.
 """
 
 import mcrt
@@ -22,7 +22,7 @@ def slab(tau, layers, axis=0, wide=WIDE):
 
 
 def shoot(tau, layers=8, axis=0, mu0=1.0, **options):
-    """Reflected and transmitted fractions (the unscattered one included) of a pencil beam, and the whole result."""
+    """Fractions of a pencil beam reflected and transmitted (with the unscattered), and all else."""
     density, spacing = slab(tau, layers, axis)
     normal = 2 - axis  # of the world axes x, y, z
     position, direction = np.full(3, WIDE / 2), np.zeros(3)
@@ -110,7 +110,7 @@ INTENSITY = {
 
 
 def radiance(side, mu, layers, photons, seed):
-    """Radiance of the slab seen at mu, its standard error and the degrees of freedom; irradiance pi."""
+    """Radiance at mu for irradiance pi, its standard error and its degrees of freedom."""
     wide = 1e5
     density, spacing = slab(2, layers, wide=wide)
     middle = np.array([wide / 2, wide / 2, 0.0 if side == "R" else 2.0])
@@ -135,8 +135,9 @@ def radiance(side, mu, layers, photons, seed):
 @pytest.mark.parametrize("side", ["R", "T"])
 @pytest.mark.parametrize("i", range(len(MU)), ids=[f"mu{mu}" for mu in MU])
 def test_angle_resolved_radiance_matches_adding_doubling(side, i):
-    # A voxel holds the mean of its in-scattered radiance: relative bias up to (tau of a voxel / mu)^2 / 20, 0.5 % at
-    # mu = 0.1 and 64 layers, and 0.1 % for the quadrature; the next test lets the layers fall.
+    # A voxel holds the mean of its in-scattered radiance: relative bias up to (tau of a voxel /
+    # mu)^2 / 20, 0.5 % at mu = 0.1 and 64 layers, and 0.1 % for the quadrature; the next test lets
+    # the layers fall.
     layers = 64
     value, error, dof = radiance(side, MU[i], layers, 4e5, seed=15)
     true = INTENSITY[side][i]

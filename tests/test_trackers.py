@@ -1,4 +1,5 @@
-"""Trackers against each other, against exact free-path distributions, and under the symmetries of the equation.
+"""Trackers against each other, against exact free-path distributions, and under the symmetries of
+the equation.
 
 False alarms: 1e-5 per assertion (Bonferroni over voxels), about 60 assertions.
 """
@@ -128,7 +129,8 @@ def test_chromatic_channels_are_those_of_three_grey_runs():
         )
 
 
-# ---- free paths: with all scattering forward, at most n scatterings leave exp(-tau) sum_{k <= n} tau^k / k!
+# ---- free paths: with all scattering forward, at most n scatterings leave exp(-tau) sum_{k <= n}
+# tau^k / k!
 
 FORWARD = 1 - 1e-6  # HG g: one photon in a million turns away by a radian
 
@@ -213,7 +215,8 @@ def test_collisions_along_a_skew_line_are_poisson_distributed(tracker, interpola
 
 
 def test_light_is_followed_to_optical_depth_25():
-    # f32 uniforms of 24 bits never give a free path above 16.6; a diffuse field needs the deep ones in proportion.
+    # f32 uniforms of 24 bits never give a free path above 16.6; a diffuse field needs the deep ones
+    # in proportion.
     density = np.ones((25, 1, 1), np.float32)
     photons = 4e6
     result = run(

@@ -1,10 +1,12 @@
 """Truths that the tests compare with, and the statistics of comparing.
 
-Everything here is closed form or quadrature; nothing uses the package but `View.camera`. World points are `(x, y, z)`,
-arrays and spacings `(z, y, x)`. Boxes have their lower corner at the origin.
+Everything here is closed form or quadrature; nothing uses the package but `View.camera`. World
+points are `(x, y, z)`, arrays and spacings `(z, y, x)`. Boxes have their lower corner at the
+origin.
 
-False alarms: `assert_z` and `limit` take `ALPHA` as the two-sided false-alarm probability of a whole family of
-comparisons (Bonferroni over its members, so correlated members only make it smaller).
+False alarms: `assert_z` and `limit` take `ALPHA` as the two-sided false-alarm probability of a
+whole family of comparisons (Bonferroni over its members, so correlated members only make it
+smaller).
 """
 
 import itertools
@@ -16,16 +18,16 @@ from scipy import integrate, optimize, stats
 ALPHA = 1e-5  # false-alarm probability of one assertion
 
 
-# ---------------------------------------------------------------------------------------------------------- statistics
+# --------------------------------------------------------------------------------------- statistics
 
 
 def limit(count=1, dof=np.inf, alpha=ALPHA):
-    """The |z| that `count` comparisons exceed anywhere with probability `alpha` at most (Student's t, Bonferroni)."""
+    """The |z| that any of `count` comparisons exceeds with probability `alpha` at most."""
     return stats.t.isf(alpha / (2 * count), dof)
 
 
 def z_scores(value, truth, error, truth_error=0.0, relative=1e-4):
-    """(value - truth) / standard error; `relative` is what rounding and quadrature may add to it, as part of truth."""
+    """(value - truth) / standard error, to which rounding and quadrature add `relative`."""
     truth = np.asarray(truth, float)
     scale = np.sqrt(
         np.square(error, dtype=float)
@@ -43,8 +45,10 @@ def assert_z(value, truth, error, truth_error=0.0, *, dof=np.inf, relative=1e-4,
     worst = np.unravel_index(np.argmax(np.abs(z)), z.shape) if z.ndim else ()
     bound = limit(z.size, dof)
     assert abs(z[worst]) < bound, (
-        f"{what}: z = {z[worst]:.2f} at {tuple(map(int, worst))}, bound {bound:.2f}; got {np.asarray(value)[worst]}, "
-        f"truth {np.broadcast_to(truth, z.shape)[worst]}; z of all: mean {z.mean():.2f}, rms {np.sqrt((z**2).mean()):.2f}"
+        f"{what}: z = {z[worst]:.2f} at {tuple(map(int, worst))}, bound {bound:.2f}; "
+        f"got {np.asarray(value)[worst]}, "
+        f"truth {np.broadcast_to(truth, z.shape)[worst]}; "
+        f"z of all: mean {z.mean():.2f}, rms {np.sqrt((z**2).mean()):.2f}"
     )
 
 
@@ -57,7 +61,7 @@ def assert_mean(samples, truth, *, what=""):
 
 
 def fraction_error(p, photons):
-    """Standard error bound of a fraction p of the launched power scored with weights in [0, 1]: sqrt(p (1 - p) / N)."""
+    """Bound on the standard error of a mean p of weights in [0, 1]: sqrt(p (1 - p) / N)."""
     return np.sqrt(np.clip(np.multiply(p, 1 - np.asarray(p)), 0, None) / photons)
 
 
@@ -66,7 +70,7 @@ def relative_rms(value, truth):
     return np.sqrt(np.mean(np.square(np.asarray(value, float) - truth))) / np.mean(truth)
 
 
-# ---------------------------------------------------------------------------------------------- phase functions [1/sr]
+# --------------------------------------------------------------------------- phase functions [1/sr]
 
 
 def isotropic(cos_theta):
@@ -83,11 +87,11 @@ def hg(g):
     )
 
 
-# ------------------------------------------------------------------------------------------------------------- geometry
+# ----------------------------------------------------------------------------------------- geometry
 
 
 def box_interval(origin, direction, size):
-    """Distances (near >= 0, far) along rays inside the box [0, size]; near >= far where a ray misses."""
+    """Distances (near >= 0, far) along rays in the box [0, size]; near >= far: a miss."""
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = (0 - origin) / direction, (np.asarray(size, float) - origin) / direction
     parallel = direction == 0
@@ -99,9 +103,11 @@ def box_interval(origin, direction, size):
 
 
 def solid_angle(point, size):
-    """Solid angle [sr] of the box [0, size] from a point outside: sum over the faces that the point sees.
+    """Solid angle [sr] of the box [0, size] from a point outside: sum over the faces that the point
+    sees.
 
-    A face seen from height d above the corner of an a x b rectangle fills atan(a b / (d sqrt(a^2 + b^2 + d^2))).
+    A face seen from height d above the corner of an a x b rectangle fills atan(a b / (d sqrt(a^2 +
+    b^2 + d^2))).
     """
     total = 0.0
     for axis in range(3):
@@ -124,7 +130,7 @@ def surface(size):
 
 
 def mean_chord(size):
-    """Mean path length of photons that enter a non-absorbing body with Lambert's law: 4 V / S, whatever scatters."""
+    """Mean path length of light that enters by Lambert's law, whatever scatters it: 4 V / S."""
     return 4 * np.prod(size) / surface(size)
 
 
@@ -136,7 +142,7 @@ def projected_area(direction, size):
 
 @dataclass(frozen=True)
 class View:
-    """A camera by the conventions: `fov` [deg] or `width` along x, row 0 on top, columns to the right."""
+    """A camera: `fov` [deg] or `width` along x, row 0 on top, columns to the right."""
 
     origin: tuple
     target: tuple
@@ -157,7 +163,7 @@ class View:
         )
 
     def rays(self, sub=1):
-        """Origins and directions (h, w, sub^2, 3) at Gauss-Legendre nodes of each pixel, and their weights."""
+        """Origins, directions (h, w, sub^2, 3) at Gauss nodes of each pixel, and their weights."""
         w, h = self.resolution
         node, weight = np.polynomial.legendre.leggauss(sub)
         x = (2 * (np.arange(w)[:, None] + (node + 1) / 2) / w - 1)[None, :, None, :]
@@ -181,11 +187,11 @@ class View:
         return origin, direction, np.outer(weight, weight).ravel() / 4
 
 
-# ----------------------------------------------------------------------------------------------------- optical depth
+# ------------------------------------------------------------------------------------ optical depth
 
 
 def density_at(density, spacing, points, linear):
-    """Density at world points inside the box: voxel constant, or trilinear between centres and clamped."""
+    """Density at world points: constant in a voxel, or trilinear between centres, clamped."""
     u = np.asarray(points, float)[..., ::-1] / np.asarray(spacing, float)
     top = np.array(density.shape) - 1
     if not linear:
@@ -203,8 +209,9 @@ def density_at(density, spacing, points, linear):
 
 
 def optical_depth(density, spacing, start, end, linear=False):
-    """Integral of the density along segments inside the box, exact: the segments are cut at every voxel plane (or
-    centre plane), and between cuts the density is a constant (or a cubic: two Gauss nodes)."""
+    """Integral of the density along segments inside the box, exact: the segments are cut at every
+    voxel plane (or centre plane), and between cuts the density is a constant (or a cubic: two Gauss
+    nodes)."""
     start, end = (np.asarray(p, float) for p in np.broadcast_arrays(start, end))
     step = end - start
     cuts = [np.zeros((*start.shape[:-1], 1)), np.ones((*start.shape[:-1], 1))]
@@ -229,7 +236,7 @@ def optical_depth(density, spacing, start, end, linear=False):
     return total / (2 if linear else 1)
 
 
-# ---------------------------------------------------------------------------------- single scattering, homogeneous box
+# --------------------------------------------------------------- single scattering, homogeneous box
 
 
 @dataclass(frozen=True)
@@ -245,7 +252,7 @@ class Directional:
 
 
 def unscattered(light, points, size, sigma):
-    """Directions of travel at the points of a homogeneous box, and the fluence [W/m^2] of the unscattered light."""
+    """Directions of travel at points of a homogeneous box, and the unscattered fluence [W/m^2]."""
     if isinstance(light, Point):
         travel = points - np.asarray(light.position, float)
         distance = np.linalg.norm(travel, axis=-1)
@@ -253,19 +260,22 @@ def unscattered(light, points, size, sigma):
         near, _ = box_interval(
             np.broadcast_to(np.asarray(light.position, float), points.shape), travel, size
         )
-        return travel, light.intensity / distance**2 * np.exp(-sigma * (distance - near))
+        return travel, light.intensity / distance**2 * np.exp(
+            -sigma * np.maximum(distance - near, 0)
+        )
     travel = np.broadcast_to(
         np.asarray(light.direction, float) / np.linalg.norm(light.direction), points.shape
     )
     _, far = box_interval(points, -travel, size)
-    return travel, light.irradiance * np.exp(-sigma * far)
+    return travel, light.irradiance * np.exp(-sigma * np.maximum(far, 0))
 
 
 def single_scattering(origin, direction, size, sigma, albedo, phase, light, segments=32, order=6):
     """Radiance of light scattered once towards the rays' origins:
 
-    L = albedo sigma int P(cos) Phi_0(x(t)) exp(-sigma (t - near)) dt over the ray's path in the box; for a point light
-    in the angle at the light, which takes the 1/r^2 out (equi-angular; Kulla & Fajardo 2012).
+    L = albedo sigma int P(cos) Phi_0(x(t)) exp(-sigma (t - near)) dt over the ray's path in the
+    box; for a point light in the angle at the light, which takes the 1/r^2 out (equi-angular; Kulla
+    & Fajardo 2012).
     """
     near, far = box_interval(origin, direction, size)
     hit = far > near
@@ -315,11 +325,11 @@ def transmittance_image(view, density, spacing, linear=False, sub=3):
     return (np.exp(-np.where(far > near, tau, 0)) * weight).sum(-1)
 
 
-# ------------------------------------------------------------------------------------------- fluence of order 0, means
+# ------------------------------------------------------------------------ fluence of order 0, means
 
 
 def voxel_nodes(shape, spacing, order):
-    """Gauss-Legendre nodes of every voxel (nz, ny, nx, order^3, 3) as world points, and their weights (order^3)."""
+    """Gauss nodes of every voxel (nz, ny, nx, order^3, 3), world points, and their weights."""
     node, weight = np.polynomial.legendre.leggauss(order)
     axes = [
         (np.arange(n)[:, None] + (node + 1) / 2) * h
@@ -334,7 +344,7 @@ def voxel_nodes(shape, spacing, order):
 
 
 def fluence_of_order_0(light, density, spacing, linear=False, order=4):
-    """Voxel means of the unscattered fluence of a light outside (or not too close) by quadrature."""
+    """Voxel means of the unscattered fluence, the light outside or not too close."""
     points, weight = voxel_nodes(density.shape, spacing, order)
     size = np.multiply(density.shape, np.broadcast_to(spacing, 3))[::-1]
     if isinstance(light, Point):
@@ -354,9 +364,11 @@ def fluence_of_order_0(light, density, spacing, linear=False, order=4):
 
 
 def fluence_of_inner_point(position, intensity, shape, spacing, sigma, order=24):
-    """Voxel means of I exp(-sigma r) / r^2, the light anywhere inside, also in the voxel itself: Gauss's theorem,
+    """Voxel means of I exp(-sigma r) / r^2, the light anywhere inside, also in the voxel itself:
+    Gauss's theorem,
 
-    as exp(-sigma r) / r^2 = div [ (1 - exp(-sigma r)) / sigma r_hat / r^2 ]: a sum over the voxel's six faces.
+    as exp(-sigma r) / r^2 = div [ (1 - exp(-sigma r)) / sigma r_hat / r^2 ]: a sum over the voxel's
+    six faces.
     """
     spacing = np.broadcast_to(np.asarray(spacing, float), 3)
     hz, hy, hx = spacing
@@ -379,10 +391,11 @@ def fluence_of_inner_point(position, intensity, shape, spacing, sigma, order=24)
 
 
 def ray_fluence(density, spacing, start, direction, response=None, linear=False, nodes=16):
-    """Fluence (nz, ny, nx) per watt of a straight beam: integral of response(tau(t)) dt in each voxel / its volume.
+    """Fluence (nz, ny, nx) per watt of a straight beam: integral of response(tau(t)) dt in each
+    voxel / its volume.
 
-    `response(tau)` is exp(-tau) (unscattered light) or, where all scattering is forward, the probability of at most n
-    collisions, `scipy.stats.poisson.cdf(n, tau)`.
+    `response(tau)` is exp(-tau) (unscattered light) or, where all scattering is forward, the
+    probability of at most n collisions, `scipy.stats.poisson.cdf(n, tau)`.
     """
     response = response or (lambda tau: np.exp(-tau))
     spacing = np.broadcast_to(np.asarray(spacing, float), 3)
@@ -415,11 +428,11 @@ def ray_fluence(density, spacing, start, direction, response=None, linear=False,
     return fluence / np.prod(spacing)
 
 
-# ------------------------------------------------------------------------------------------------- half space, infinite
+# ----------------------------------------------------------------------------- half space, infinite
 
 
 def h_function(albedo, mu, nodes=200):
-    """Chandrasekhar's H(mu) of isotropic scattering: 1 / H = sqrt(1 - a) + a/2 int_0^1 t H(t) / (mu + t) dt."""
+    """Chandrasekhar's H(mu): 1 / H = sqrt(1 - a) + a/2 int_0^1 t H(t) / (mu + t) dt."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     t, w = (x + 1) / 2, w / 2
     h = np.ones(nodes)
@@ -440,8 +453,9 @@ def half_space_reflection(albedo, mu0):
 
 
 def infinite_fluence(r, c):
-    """Fluence per watt at r [mean free paths] of an isotropic point source, isotropic scattering of albedo c
-    (Case, de Hoffmann & Placzek 1953): one discrete mode, and an integral over exp(-r / mu)."""
+    """Fluence per watt at r [mean free paths] of an isotropic point source, isotropic scattering of
+    albedo c (Case, de Hoffmann & Placzek 1953): one discrete mode, and an integral over exp(-r /
+    mu)."""
     kappa = optimize.brentq(lambda k: c * np.arctanh(k) / k - 1, 1e-9, 1 - 1e-15)
     discrete = 2 * kappa**2 * (1 - kappa**2) / (c * (c - 1 + kappa**2)) * np.exp(-kappa * r)
 
@@ -465,7 +479,7 @@ def infinite_absorbed(radius, c):
 
 
 def moments(sigma_a, sigma_s, g1, g2):
-    """<r^2> and <r^4> of the places of absorption around a point source, for Legendre moments g1, g2 of the phase."""
+    """<r^2>, <r^4> of absorption around a point source, for the phase's Legendre moments."""
     s0, s1, s2 = sigma_a, sigma_a + sigma_s * (1 - g1), sigma_a + sigma_s * (1 - g2)
     return 2 / (s0 * s1), 32 / (3 * s0 * s1**2 * s2) + 40 / (3 * s0**2 * s1**2)
 
@@ -485,7 +499,7 @@ def binned_moments(weight, h, centre):
 
 
 def ball_overlap(shape, h, centre, radius, sub=8):
-    """The share of each cubic voxel within a ball, and that part's first moment about the centre."""
+    """The share of each cubic voxel within a ball, and its first moment about the centre."""
     z, y, x = ((np.arange(n) + 0.5) * h - c for n, c in zip(shape, centre[::-1], strict=True))
     middle = np.stack(np.meshgrid(z, y, x, indexing="ij"), -1)
     distance = np.linalg.norm(middle, axis=-1)
@@ -500,13 +514,13 @@ def ball_overlap(shape, h, centre, radius, sub=8):
 
 
 def within_ball(field, h, centre, radius):
-    """Integral of a field given by voxel means over a ball, its gradient taken from central differences."""
+    """Integral over a ball of a field given by voxel means, with central-difference slopes."""
     share, moment = ball_overlap(field.shape, h, centre, radius)
     slope = np.stack(np.gradient(field, h))
     return ((field * share + (slope * moment).sum(0)).sum()) * h**3
 
 
-# ------------------------------------------------------------------------------------------------------ what a run says
+# ---------------------------------------------------------------------------------- what a run says
 
 
 def dof(result, of="voxel"):

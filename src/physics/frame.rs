@@ -48,10 +48,11 @@ mod tests {
     #[test]
     fn a_million_turns_keep_the_length() {
         let mut w = [0.0f32, 0.0, 1.0];
-        for i in 0..1_000_000 {
+        for i in 0..1_000_000u64 {
             let mu = ((i * 7919) % 2001) as f32 / 1000.0 - 1.0;
             w = rotate(w, mu, (1.0 - mu * mu).max(0.0).sqrt(), ((i * 104_729) % 1000) as f32 / 1000.0);
         }
-        assert!((w.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-6);
+        let square: f64 = w.iter().map(|&c| f64::from(c) * f64::from(c)).sum();
+        assert!((square - 1.0).abs() < 1e-6, "{square}");
     }
 }

@@ -142,8 +142,9 @@ fn henyey_greenstein_sample<R: Real>(g: f64, xi: R) -> (R, R) {
     let one = R::of(1.0);
     // For g < 0 the mirrored function is sampled, for 1 - cos theta would lose the backward peak.
     let q = g.abs();
+    let (xi, rest) = if g < 0.0 { (one - xi, xi) } else { (xi, one - xi) };
     let b = R::of(1.0 - q) + R::of(2.0 * q) * xi;
-    let v = R::of(2.0 * (1.0 - q) * (1.0 - q)) * (one - xi) * (one + R::of(q) * xi) / (b * b);
+    let v = R::of(2.0 * (1.0 - q) * (1.0 - q)) * rest * (one + R::of(q) * xi) / (b * b);
     let (cos_theta, sin_theta) = with_sine(v);
     (if g < 0.0 { -cos_theta } else { cos_theta }, sin_theta)
 }

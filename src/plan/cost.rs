@@ -143,7 +143,7 @@ pub fn seconds(plan: &Plan) -> f64 {
         .lights
         .iter()
         .map(|l| match (l.direct, l.column) {
-            (Direct::Quadrature { points }, Column::Rays) => (points * points * points) as f64,
+            (Direct::Quadrature { parts }, Column::Rays) => (parts * parts * parts) as f64,
             _ => 0.0,
         })
         .sum();

@@ -1,7 +1,6 @@
 //! The majorant grid of null-collision tracking: for each block of voxels a density that is nowhere exceeded in it.
 
-use crate::scene::Volume;
-use rayon::prelude::*;
+use crate::scene::{Volume, block_maxima};
 
 /// Cubes of `block`^3 voxels, each with the largest density that a lookup within it can return. With interpolation that
 /// includes the neighbouring voxels, whose values reach half a voxel into the block.
@@ -22,29 +21,8 @@ const TENTATIVE: f64 = 3.0;
 impl MajorantGrid {
     /// The grid with blocks of the given size.
     pub fn new(volume: &Volume, block: usize) -> Self {
-        let m = volume.n();
-        let n = m.map(|extent| extent.div_ceil(block));
-        let reach = usize::from(volume.linear());
-        let range = |cell: usize, axis: usize| {
-            (cell * block).saturating_sub(reach)..((cell + 1) * block + reach).min(m[axis])
-        };
-        let density = (0..n[0] * n[1] * n[2])
-            .into_par_iter()
-            .map(|c| {
-                let mut top = 0.0f32;
-                for k in range(c / (n[0] * n[1]), 2) {
-                    for j in range(c / n[0] % n[1], 1) {
-                        let row = (k * m[1] + j) * m[0];
-                        let x = range(c % n[0], 0);
-                        for &d in &volume.density()[row + x.start..row + x.end] {
-                            top = top.max(d);
-                        }
-                    }
-                }
-                top
-            })
-            .collect();
-        MajorantGrid { block, n, density }
+        let n = volume.n().map(|m| m.div_ceil(block));
+        MajorantGrid { block, n, density: block_maxima(volume, block) }
     }
 
     /// The next coarser grid, of twice the block.

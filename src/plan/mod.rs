@@ -3,6 +3,7 @@
 
 pub mod cost;
 pub mod majorant;
+mod probe;
 pub mod settings;
 
 pub use majorant::MajorantGrid;
@@ -37,10 +38,10 @@ pub enum Emission {
 /// How the unscattered light of a light is found in voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direct {
-    /// By `points`^3 Gauss points in each voxel.
+    /// In closed form along the light, in each of `parts`^3 parts of a voxel.
     Quadrature {
-        /// Gauss points per axis.
-        points: usize,
+        /// Parts per axis.
+        parts: usize,
     },
     /// Exactly, along a pencil beam.
     Beam,
@@ -58,7 +59,7 @@ pub enum Column {
 }
 
 /// What happens with one light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightPlan {
     /// Where its photons start.
     pub emission: Emission,
@@ -66,6 +67,8 @@ pub struct LightPlan {
     pub direct: Direct,
     /// How the optical depth towards it is found.
     pub column: Column,
+    /// Relative error of the transmittance if that were interpolated.
+    pub interpolation_error: f64,
 }
 
 /// How fluence is scored along a flight.
@@ -142,12 +145,11 @@ pub struct Plan<'a> {
     pub warnings: Vec<String>,
 }
 
-/// Above this optical depth per voxel the light grid is no longer interpolated.
-const INTERPOLATED_DEPTH: f64 = 0.25;
+/// Above this relative error of the transmittance towards a light its depth is no longer interpolated between corners:
+/// errors of single points mostly cancel along a view ray.
+const INTERPOLATION_ERROR: f64 = 0.015;
 /// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
 const FIRST_COLLISION_DEPTH: f64 = 1.0;
-/// Above this optical depth per voxel order 0 is tallied from photons.
-const QUADRATURE_DEPTH: f64 = 8.0;
 
 impl<'a> Plan<'a> {
     /// Decides everything that the scene and the settings decide.
@@ -323,7 +325,8 @@ impl Explain {
             Light::Environment { .. } => "EnvironmentLight",
         };
         let direct = match plan.direct {
-            Direct::Quadrature { points } => format!("order 0 by quadrature ({points}^3 points a voxel)"),
+            Direct::Quadrature { parts: 1 } => "order 0 by quadrature".into(),
+            Direct::Quadrature { parts } => format!("order 0 by quadrature ({parts}^3 parts a voxel)"),
             Direct::Beam => "order 0 exact along the beam".into(),
             Direct::Sampled => "order 0 by photons".into(),
         };
@@ -340,7 +343,14 @@ impl Explain {
         self.push(
             "light",
             format!("{name}: {emission}; {direct}{column}"),
-            format!("a voxel's optical depth is at most {depth:.3}"),
+            format!(
+                "a voxel's optical depth is at most {depth:.3}{}",
+                match light {
+                    Light::Point { .. } | Light::Directional { .. } =>
+                        format!(", interpolating the light grid errs by {:.2} % rms", 100.0 * plan.interpolation_error),
+                    _ => String::new(),
+                }
+            ),
         );
     }
 }
@@ -386,12 +396,19 @@ fn choose_method(
 fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPlan {
     let volume = &scene.medium.volume;
     let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
-    let rays = if depth > INTERPOLATED_DEPTH { Column::Rays } else { Column::Corners };
     match light {
-        Light::Environment { .. } => {
-            LightPlan { emission: Emission::AtLight, direct: Direct::Sampled, column: Column::Corners }
-        }
-        Light::Pencil { .. } => LightPlan { emission: at_light, direct: Direct::Beam, column: Column::Rays },
+        Light::Environment { .. } => LightPlan {
+            emission: Emission::AtLight,
+            direct: Direct::Sampled,
+            column: Column::Corners,
+            interpolation_error: 0.0,
+        },
+        Light::Pencil { .. } => LightPlan {
+            emission: at_light,
+            direct: Direct::Beam,
+            column: Column::Rays,
+            interpolation_error: 0.0,
+        },
         Light::Point { .. } | Light::Directional { .. } => {
             let near = match light {
                 Light::Point { position, .. } => {
@@ -400,17 +417,18 @@ fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPl
                 }
                 _ => false,
             };
-            let points = match depth {
-                d if d <= INTERPOLATED_DEPTH => 1,
-                d if d <= 1.0 => 2,
-                d if d <= 3.0 => 3,
+            let parts = match depth {
+                d if d <= 1.0 => 1,
+                d if d <= 3.0 => 2,
+                d if d <= 8.0 => 3,
                 _ => 4,
             };
-            // Quadrature of a steep exponential fails; only photons, which cost nothing more, are then right.
-            let direct = if depth > QUADRATURE_DEPTH && shoots { Direct::Sampled } else { Direct::Quadrature { points } };
+            let direct = Direct::Quadrature { parts };
             let first = shoots && !near && depth <= FIRST_COLLISION_DEPTH;
             let emission = if first { Emission::FirstCollision } else { at_light };
-            LightPlan { emission, direct, column: rays }
+            let interpolation_error = probe::interpolation_error(scene, light);
+            let column = if interpolation_error > INTERPOLATION_ERROR { Column::Rays } else { Column::Corners };
+            LightPlan { emission, direct, column, interpolation_error }
         }
     }
 }

@@ -10,6 +10,7 @@ use crate::physics::rng::{Draws, uniform64};
 use crate::plan::{Column, Plan, cost};
 use crate::result::{Outcome, Share, Stopped};
 use crate::scene::Camera;
+use crate::scene::field::Occupancy;
 use convert::{Held, array, to_py};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -148,6 +149,8 @@ fn gather<'py>(
     let k = if replicates { stored.replicates() } else { 0 };
     let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
     cost::check_image(pixels, (channels * (4 + k)) as u64).map_err(|e| to_py(py, e))?;
+    let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
+    let occupancy = occupancy.as_ref();
     let columns: Vec<_> = stored.columns.iter().map(|c| if c.is_some() { Column::Corners } else { Column::Rays }).collect();
     let lights = parsed
         .lights
@@ -155,11 +158,12 @@ fn gather<'py>(
         .zip(&columns)
         .zip(&stored.columns)
         .filter_map(|((light, how), corners)| {
-            cpu::light::Illumination::new(&parsed, light, *how, corners.as_ref().map(|c| c.slice()))
+            cpu::light::Illumination::new(&parsed, occupancy, light, *how, corners.as_ref().map(|c| c.slice()))
         })
         .collect();
     let volumes = Volumes {
         scene: &parsed,
+        occupancy,
         lights,
         source: stored.source.as_ref().map(|s| s.slice()),
         source0: stored.source0.as_ref().map(|s| s.slice()),
@@ -173,6 +177,7 @@ fn gather<'py>(
             let error = subvolumes.map(|s| {
                 let each = Volumes {
                     scene: &parsed,
+                    occupancy,
                     lights: Vec::new(),
                     source: Some(s),
                     source0: None,

@@ -2,6 +2,7 @@
 //! box's lower corner, in f64.
 
 pub mod camera;
+pub mod field;
 pub mod light;
 pub mod medium;
 pub mod volume;
@@ -12,6 +13,7 @@ pub use medium::{Albedo, Medium};
 pub use volume::Volume;
 
 use crate::error::{Result, scene_error};
+use rayon::prelude::*;
 
 /// One value, or one per colour channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +70,32 @@ impl<'a> Scene<'a> {
         let rgb = self.medium.is_rgb() || self.lights.iter().any(|l| l.value().is_rgb);
         if rgb { 3 } else { 1 }
     }
+}
+
+/// The largest density that a lookup within each block of `block`^3 voxels can return, x fastest. With interpolation that
+/// includes the neighbouring voxels, whose values reach half a voxel into the block.
+pub fn block_maxima(volume: &Volume, block: usize) -> Vec<f32> {
+    let m = volume.n();
+    let n = m.map(|extent| extent.div_ceil(block));
+    let reach = usize::from(volume.linear());
+    let range =
+        |cell: usize, axis: usize| (cell * block).saturating_sub(reach)..((cell + 1) * block + reach).min(m[axis]);
+    (0..n[0] * n[1] * n[2])
+        .into_par_iter()
+        .map(|c| {
+            let mut top = 0.0f32;
+            for k in range(c / (n[0] * n[1]), 2) {
+                for j in range(c / n[0] % n[1], 1) {
+                    let row = (k * m[1] + j) * m[0];
+                    let x = range(c % n[0], 0);
+                    for &d in &volume.density()[row + x.start..row + x.end] {
+                        top = top.max(d);
+                    }
+                }
+            }
+            top
+        })
+        .collect()
 }
 
 /// A finite point or vector, or an error that names it.

@@ -1,6 +1,6 @@
 //! Where photons start: at a light, or at their first collision.
 
-use super::field::{Field, V3};
+use crate::scene::field::{Field, V3};
 use super::light::{Illumination, beam_entry};
 use super::track::enter;
 use crate::physics::flight::box_solid_angle;

@@ -4,7 +4,7 @@
 //! voxel centres. Each cell within which the density is one polynomial is cut into steps of at most half an optical depth,
 //! with two Gauss points each.
 
-use super::field::{Field, V3, along, between, local};
+use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use super::light::{GAUSS, Illumination, Source};
 use super::track::enter;
 use crate::physics::Phase;
@@ -20,6 +20,8 @@ const OPAQUE: f32 = 16.0;
 pub struct Volumes<'a> {
     /// The scene.
     pub scene: &'a Scene<'a>,
+    /// Which blocks of voxels are not empty.
+    pub occupancy: Option<&'a Occupancy>,
     /// Lights with a deterministic order 1.
     pub lights: Vec<Illumination<'a>>,
     /// J per voxel: `stride` values, the channel outermost.
@@ -77,6 +79,7 @@ fn replicate_by_replicate(
             volumes.source.map(|s| s.iter().skip(replicate).step_by(k).copied().collect());
         let part = Volumes {
             scene: volumes.scene,
+            occupancy: volumes.occupancy,
             lights: if replicate == 0 { volumes.lights.clone() } else { Vec::new() },
             source: slice.as_deref(),
             source0: None,
@@ -168,7 +171,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         };
         View {
             volumes,
-            field: Field::density(&medium.volume),
+            field: Field::density(&medium.volume).skipping(volumes.occupancy),
             albedo,
             phase: &medium.phase,
             isotropic: medium.phase.is_isotropic(),
@@ -242,27 +245,18 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     /// Sums along one ray.
     fn ray(&self, ray: &Ray) -> Sums<C, S> {
         let mut sums = Sums { order1: [0.0; C], source: [0.0; S], column: 0.0 };
-        let mut cells = self.field.cells(ray.p, ray.v);
-        let mut t = 0.0f32;
         let linear = self.field.linear();
-        loop {
-            let (axis, exit) = cells.exit();
-            let stop = exit.min(ray.length);
-            if stop > t {
-                let cell = cells.cell;
-                if linear {
-                    let corners = self.field.corners(cell);
-                    self.cell(&mut sums, ray, (t, stop), |t| corners.at(local(along(ray.p, ray.v, t), cell)));
-                } else {
-                    let value = self.field.voxel(cell);
-                    self.cell(&mut sums, ray, (t, stop), |_| value);
-                }
-                t = stop;
+        self.field.visit(ray.p, ray.v, ray.length, |cell, t0, t1| {
+            if linear {
+                let corners = self.field.corners(cell);
+                self.cell(&mut sums, ray, (t0, t1), |t| corners.at(local(along(ray.p, ray.v, t), cell)));
+            } else {
+                let value = self.field.voxel(cell);
+                self.cell(&mut sums, ray, (t0, t1), |_| value);
             }
-            if exit >= ray.length || !cells.advance(axis) || sums.column * self.least_extinction > OPAQUE {
-                return sums;
-            }
-        }
+            sums.column * self.least_extinction <= OPAQUE
+        });
+        sums
     }
 
     /// Adds what [t0, t1] of a ray, within one cell, sends to the eye.

@@ -1,6 +1,6 @@
 //! Unscattered light: where it comes from at a point, and what of it arrives there.
 
-use super::field::{Dda, Field, V3, along};
+use crate::scene::field::{Dda, Field, Occupancy, V3, along};
 use super::track::enter;
 use crate::backend::Control;
 use crate::physics::flight::{mean_transmittance, rectangle_solid_angle};
@@ -56,7 +56,13 @@ pub struct Illumination<'a> {
 
 impl<'a> Illumination<'a> {
     /// The view of a light; `None` for beams and environments. `corners` are its column densities at voxel corners.
-    pub fn new(scene: &Scene<'a>, light: &Light, column: Column, corners: Option<&'a [f32]>) -> Option<Self> {
+    pub fn new(
+        scene: &Scene<'a>,
+        occupancy: Option<&'a Occupancy>,
+        light: &Light,
+        column: Column,
+        corners: Option<&'a [f32]>,
+    ) -> Option<Self> {
         let volume = &scene.medium.volume;
         let h = volume.spacing();
         let source = match light {
@@ -70,7 +76,7 @@ impl<'a> Illumination<'a> {
         Some(Illumination {
             source,
             value: light.value().rgb.map(|v| v as f32),
-            field: Field::density(volume),
+            field: Field::density(volume).skipping(occupancy),
             h: h.map(|c| c as f32),
             corners,
             rays: column == Column::Rays || corners.is_none(),
@@ -131,8 +137,9 @@ impl<'a> Illumination<'a> {
         self.field.at(p)
     }
 
-    /// The column densities at the (nx + 1)(ny + 1)(nz + 1) voxel corners.
-    pub fn corner_columns(&self, control: &Control) -> Vec<f32> {
+    /// The column densities at the (nx + 1)(ny + 1)(nz + 1) voxel corners: `everywhere`, or only where the density next to
+    /// them is not zero, which is where light scatters.
+    pub fn corner_columns(&self, everywhere: bool, control: &Control) -> Vec<f32> {
         let n = self.field.n().map(|m| m as usize + 1);
         let mut columns = vec![0.0f32; n[0] * n[1] * n[2]];
         columns.par_chunks_mut(n[0]).enumerate().for_each(|(row, out)| {
@@ -141,6 +148,10 @@ impl<'a> Illumination<'a> {
             }
             let (j, k) = (row % n[1], row / n[1]);
             for (i, column) in out.iter_mut().enumerate() {
+                let surface = i % (n[0] - 1) == 0 || j % (n[1] - 1) == 0 || k % (n[2] - 1) == 0;
+                if !everywhere && !surface && !self.field.occupied_around([i, j, k]) {
+                    continue;
+                }
                 let p = [i as f32, j as f32, k as f32];
                 let incident = self.incident(p);
                 *column = if incident.distance > 1e-15 { self.ray(p, &incident) } else { 0.0 };
@@ -165,30 +176,40 @@ fn interpolate_corners(corners: &[f32], n: [i32; 3], p: V3) -> f32 {
     y0 + u[2] * (y1 - y0)
 }
 
-/// The mean unscattered fluence of voxel `cell`, per channel, for a light of one direction a point.
-pub fn voxel_fluence(light: &Illumination, extinction: &[f32; 3], points: usize, cell: [i32; 3]) -> [f32; 3] {
+/// The mean unscattered fluence of voxel `cell`, per channel, for a light of one direction a point. The voxel is cut into
+/// `parts`^3; in each the depth is taken as linear along the light, over which its exponential has a closed mean.
+pub fn voxel_fluence(light: &Illumination, extinction: &[f32; 3], parts: usize, cell: [i32; 3]) -> [f32; 3] {
     if let Source::Point(position) = light.source {
         let centre: V3 = cell.map(|c| c as f32 + 0.5);
         if (0..3).all(|a| (centre[a] - position[a]).abs() < 3.0) {
             return near_fluence(light, extinction, cell, position);
         }
     }
-    let rule = GAUSS[points.clamp(1, 4) - 1];
+    let width = 1.0 / parts as f32;
+    let weight = width * width * width;
     let mut sum = [0.0f32; 3];
-    for &(z, wz) in rule {
-        for &(y, wy) in rule {
-            for &(x, wx) in rule {
-                let p = [cell[0] as f32 + x as f32, cell[1] as f32 + y as f32, cell[2] as f32 + z as f32];
-                let incident = light.incident(p);
-                let column = light.column(p, &incident);
-                let weight = (wx * wy * wz) as f32 * incident.falloff;
-                for c in 0..3 {
-                    sum[c] += weight * light.value[c] * (-extinction[c] * column).exp();
-                }
+    for at in 0..parts * parts * parts {
+        let part = [at % parts, at / parts % parts, at / (parts * parts)];
+        let p: V3 = std::array::from_fn(|a| cell[a] as f32 + (part[a] as f32 + 0.5) * width);
+        let incident = light.incident(p);
+        let column = light.column(p, &incident);
+        let density = light.field.at(p);
+        for c in 0..3 {
+            let mut mean = light.value[c] * incident.falloff * weight * (-extinction[c] * column).exp();
+            for a in 0..3 {
+                mean *= sinhc(0.5 * extinction[c] * density * incident.direction[a] * light.h[a] * width);
             }
+            sum[c] += mean;
         }
     }
     sum
+}
+
+/// sinh(x) / x, the mean of exp over [-x, x]; kept finite where the exponential around it has long vanished.
+#[inline(always)]
+fn sinhc(x: f32) -> f32 {
+    let square = x * x;
+    if square < 0.25 { 1.0 + square * (1.0 / 6.0 + square * (1.0 / 120.0 + square * (1.0 / 5040.0))) } else { x.abs().min(40.0).sinh() / x.abs().min(40.0) }
 }
 
 /// The same next to a point light, or around it, where 1/d^2 is no polynomial: the volume integral in the light's

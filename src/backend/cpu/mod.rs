@@ -1,7 +1,6 @@
 //! The CPU backend: runs a plan on all cores, with the same bits for any number of threads.
 
 pub mod emit;
-pub mod field;
 pub mod gather;
 pub mod light;
 pub mod pixel_error;
@@ -16,7 +15,7 @@ use crate::result::{Outcome, Stopped};
 use crate::scene::{Light, Scene};
 use crate::tally::{Bins, Drain, Moments, REFERENCE_UNITS};
 use emit::Emitter;
-use field::Field;
+use crate::scene::field::{Field, Occupancy};
 use light::Illumination;
 use rayon::prelude::*;
 use shoot::{Energies, Walk};
@@ -37,8 +36,10 @@ pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
 }
 
 fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
-    let columns = light_grids(plan, control);
-    let views = illuminations(plan.scene, plan.lights.iter().map(|l| l.column), &columns);
+    let occupancy = Occupancy::new(&plan.scene.medium.volume);
+    let occupancy = occupancy.as_ref();
+    let columns = light_grids(plan, occupancy, control);
+    let views = illuminations(plan.scene, occupancy, plan.lights.iter().map(|l| l.column), &columns);
     let emitters: Vec<(Emitter, Light)> = plan
         .scene
         .lights
@@ -54,9 +55,9 @@ fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
     let mut shot = Shot::new(plan);
     if plan.shoots() && !emitters.is_empty() {
         match plan.channels {
-            1 => shoot_grey::<1>(plan, &emitters, &views, control, &mut shot)?,
-            _ if plan.chromatic => shoot_chromatic(plan, &emitters, &views, control, &mut shot)?,
-            _ => shoot_grey::<3>(plan, &emitters, &views, control, &mut shot)?,
+            1 => shoot_grey::<1>(plan, &emitters, &views, occupancy, control, &mut shot)?,
+            _ if plan.chromatic => shoot_chromatic(plan, &emitters, &views, occupancy, control, &mut shot)?,
+            _ => shoot_grey::<3>(plan, &emitters, &views, occupancy, control, &mut shot)?,
         }
     }
     drop(emitters);
@@ -74,13 +75,14 @@ fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
 }
 
 /// The column densities at voxel corners of the lights that need them.
-fn light_grids(plan: &Plan, control: &Control) -> Vec<Option<Vec<f32>>> {
+fn light_grids(plan: &Plan, occupancy: Option<&Occupancy>, control: &Control) -> Vec<Option<Vec<f32>>> {
     let scene = plan.scene;
     let grid = |(light, how): (&Light, &crate::plan::LightPlan)| {
         if !cost::uses_corners(how, light) {
             return None;
         }
-        Illumination::new(scene, light, how.column, None).map(|view| view.corner_columns(control))
+        let everywhere = plan.settings.fluence || plan.settings.radiance;
+        Illumination::new(scene, occupancy, light, how.column, None).map(|view| view.corner_columns(everywhere, control))
     };
     scene.lights.iter().zip(&plan.lights).map(grid).collect()
 }
@@ -88,6 +90,7 @@ fn light_grids(plan: &Plan, control: &Control) -> Vec<Option<Vec<f32>>> {
 /// The views of all lights, `None` for those without a direction.
 pub fn illuminations<'a>(
     scene: &'a Scene<'a>,
+    occupancy: Option<&'a Occupancy>,
     how: impl Iterator<Item = Column>,
     columns: &'a [Option<Vec<f32>>],
 ) -> Vec<Option<Illumination<'a>>> {
@@ -96,7 +99,7 @@ pub fn illuminations<'a>(
         .iter()
         .zip(how)
         .zip(columns)
-        .map(|((light, column), corners)| Illumination::new(scene, light, column, corners.as_deref()))
+        .map(|((light, column), corners)| Illumination::new(scene, occupancy, light, column, corners.as_deref()))
         .collect()
 }
 
@@ -144,6 +147,7 @@ fn shoot_grey<const C: usize>(
     plan: &Plan,
     emitters: &[(Emitter, Light)],
     views: &[Option<Illumination>],
+    occupancy: Option<&Occupancy>,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()>
@@ -157,16 +161,16 @@ where
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {
             let tracker = Woodcock::<false>::new(field, grid, extinction, scores);
-            batches::<C, _>(plan, tracker, emitters, views, control, shot)
+            batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
         (Tracker::Analytic, _) => {
             let sigma_t = medium.max_sigma_t() as f32;
             let tracker = Analytic { n: field.n(), sigma_t, score: plan.score, scores };
-            batches::<C, _>(plan, tracker, emitters, views, control, shot)
+            batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
         _ => {
             let tracker = March::<false> { field, extinction: extinction.map(|e| e as f32), scores };
-            batches::<C, _>(plan, tracker, emitters, views, control, shot)
+            batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
     }
 }
@@ -175,6 +179,7 @@ fn shoot_chromatic(
     plan: &Plan,
     emitters: &[(Emitter, Light)],
     views: &[Option<Illumination>],
+    occupancy: Option<&Occupancy>,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()> {
@@ -185,11 +190,11 @@ fn shoot_chromatic(
     match &plan.majorant {
         Some(grid) => {
             let tracker = Woodcock::<true>::new(field, grid, extinction, scores);
-            batches::<3, _>(plan, tracker, emitters, views, control, shot)
+            batches::<3, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
         None => {
             let tracker = March::<true> { field, extinction: extinction.map(|e| e as f32), scores };
-            batches::<3, _>(plan, tracker, emitters, views, control, shot)
+            batches::<3, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
     }
 }
@@ -207,6 +212,7 @@ fn batches<const C: usize, T: track::Tracker<C>>(
     tracker: T,
     emitters: &[(Emitter, Light)],
     views: &[Option<Illumination>],
+    occupancy: Option<&Occupancy>,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()> {
@@ -237,7 +243,7 @@ fn batches<const C: usize, T: track::Tracker<C>>(
             }
         }
         let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
-        let error = settle::relative_error(plan, views, shot, control);
+        let error = settle::relative_error(plan, views, shot, occupancy, control);
         if error <= target {
             shot.stopped = Stopped::TargetError;
             return Ok(());

@@ -26,6 +26,7 @@ pub fn bias(volumes: &Volumes, source: &[f32], camera: &Camera, pixels: Option<&
     difference.par_iter_mut().zip(source).for_each(|(s, j)| *s -= j);
     let change = Volumes {
         scene: volumes.scene,
+        occupancy: volumes.occupancy,
         lights: Vec::new(),
         source: Some(&difference),
         source0: None,

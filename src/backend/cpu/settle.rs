@@ -1,7 +1,7 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::emit::{hit_fraction, mean_density};
-use super::field::V3;
+use crate::scene::field::{Occupancy, V3};
 use super::gather::{Volumes, image};
 use super::light::{Illumination, beam, unscattered, voxel_fluence};
 use super::shoot::LocalEye;
@@ -170,7 +170,7 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
         .zip(views)
         .enumerate()
         .filter_map(|(l, (how, view))| match (how.direct, view) {
-            (Direct::Quadrature { points }, Some(view)) => Some((l, view, points)),
+            (Direct::Quadrature { parts }, Some(view)) => Some((l, view, parts)),
             _ => None,
         })
         .collect();
@@ -192,8 +192,8 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
                 for i in 0..n[0] {
                     let cell = [i as i32, j as i32, k as i32];
                     let centre = cell.map(|c| c as f32 + 0.5);
-                    for &(l, view, points) in &quadrature {
-                        let phi = voxel_fluence(view, &extinction, points, cell);
+                    for &(l, view, parts) in &quadrature {
+                        let phi = voxel_fluence(view, &extinction, parts, cell);
                         if let Some(row) = fluence {
                             (0..channels).for_each(|c| row[i * channels + c] += phi[c]);
                         }
@@ -357,6 +357,7 @@ pub(super) fn relative_error(
     plan: &Plan,
     views: &[Option<Illumination>],
     shot: &mut Shot,
+    occupancy: Option<&Occupancy>,
     control: &Control,
 ) -> f64 {
     let channels = plan.channels;
@@ -381,7 +382,7 @@ pub(super) fn relative_error(
     let k = plan.subvolumes;
     let scales: Vec<f32> = shot.subvolume_batches.iter().map(|&b| 1.0 / b.max(1) as f32).collect();
     let means: Vec<f32> = shot.subvolumes.par_iter().enumerate().map(|(at, x)| x * scales[at % k]).collect();
-    let volumes = Volumes { scene: plan.scene, lights, source: Some(&means), source0: None, channels };
+    let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
     let picture = image(&volumes, camera, Some(&pixels), channels * k, &stop);
     let (more, errors) = pixel_error::spread(&picture.order2, k);

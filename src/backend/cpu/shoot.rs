@@ -1,7 +1,7 @@
 //! The photon walk: starts, flights, scatterings, and what they leave in the tallies.
 
 use super::emit::{Emitter, Start};
-use super::field::{Field, V3};
+use crate::scene::field::{Field, V3};
 use super::track::{Flight, Scorer, Tracker, Weights};
 use crate::backend::Control;
 use crate::physics::Phase;

@@ -1,6 +1,6 @@
 //! Trackers: from one point of a photon's way to its next collision, or out of the box.
 
-use super::field::{Dda, Field, V3, along, local};
+use crate::scene::field::{Dda, Field, V3, along, local};
 use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, exponential, uniform};
 use crate::plan::{MajorantGrid, Score};
