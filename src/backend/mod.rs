@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub struct Control {
     stop: AtomicBool,
+    finish: AtomicBool,
     fraction: AtomicU64,
     photons: AtomicU64,
     started: Instant,
@@ -20,6 +21,7 @@ impl Control {
     pub fn new(limit: Option<f64>) -> Self {
         Control {
             stop: AtomicBool::new(false),
+            finish: AtomicBool::new(false),
             fraction: AtomicU64::new(0),
             photons: AtomicU64::new(0),
             started: Instant::now(),
@@ -27,7 +29,17 @@ impl Control {
         }
     }
 
-    /// Asks the run to stop soon.
+    /// Asks the run to end with what it has, as its time limit does.
+    pub fn finish(&self) {
+        self.finish.store(true, Relaxed);
+    }
+
+    /// Whether it was asked to end with what it has.
+    pub fn finishing(&self) -> bool {
+        self.finish.load(Relaxed)
+    }
+
+    /// Asks the run to stop at once, for nobody waits for its result.
     pub fn stop(&self) {
         self.stop.store(true, Relaxed);
     }
@@ -37,9 +49,9 @@ impl Control {
         self.stop.load(Relaxed)
     }
 
-    /// Whether its time is over.
+    /// Whether it is time to end with what there is.
     pub fn late(&self) -> bool {
-        self.deadline.is_some_and(|d| self.started.elapsed() >= d)
+        self.finishing() || self.deadline.is_some_and(|d| self.started.elapsed() >= d)
     }
 
     /// The part of its time that has passed; 0 without a limit.

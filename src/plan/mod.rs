@@ -534,7 +534,9 @@ fn choose_batches(
             scene_error(format!("photons = {photons} is not allowed; each of the {emitters} lights needs one at least"))
         }
         Some(photons) => {
-            let batches = (photons / worth).clamp(round, 64) / round * round;
+            // Batches are short beside a second, so that a run can stop at any time with what it has.
+            let least = photons.div_ceil(worth.max(65_536));
+            let batches = (photons / worth).clamp(round, 64).max(least).div_ceil(round) * round;
             let batches = batches.min(photons / emitters);
             Ok((photons.div_ceil(batches), Some(batches)))
         }

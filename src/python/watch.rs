@@ -72,7 +72,7 @@ fn tell(py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, control: &Control) 
         info.set_item("seconds", control.seconds())?;
         let answer = progress.call1((fraction, info))?;
         if answer.extract::<bool>().is_ok_and(|go_on| !go_on) {
-            control.stop();
+            control.finish();
         }
     }
     Ok(())

@@ -12,6 +12,20 @@ pub fn along(p: V3, v: V3, t: f32) -> V3 {
     [p[0] + v[0] * t, p[1] + v[1] * t, p[2] + v[2] * t]
 }
 
+/// Where a line from within the box [0, n] leaves it: the axis of the face, and the parameter.
+#[inline(always)]
+pub fn leave(p: V3, v: V3, n: [i32; 3]) -> (usize, f32) {
+    let (mut axis, mut exit) = (0, f32::INFINITY);
+    for a in 0..3 {
+        let edge = if v[a] > 0.0 { n[a] as f32 } else { 0.0 };
+        let t = if v[a] != 0.0 { ((edge - p[a]) / v[a]).max(0.0) } else { f32::INFINITY };
+        if t < exit {
+            (axis, exit) = (a, t);
+        }
+    }
+    (axis, exit)
+}
+
 /// The largest integer not above `x` (within i32), without a library call.
 #[inline(always)]
 pub fn floor(x: f32) -> i32 {
@@ -269,8 +283,7 @@ impl<'a> Field<'a> {
     #[inline(always)]
     pub fn visit(&self, p: V3, v: V3, end: f32, mut f: impl FnMut([i32; 3], f32, f32) -> bool) {
         // Cells between voxel centres reach over the box's faces, the medium does not.
-        let leaves = |a: usize| ((if v[a] > 0.0 { self.n[a] as f32 } else { 0.0 }) - p[a]) / v[a];
-        let end = (0..3).filter(|&a| v[a] != 0.0).map(leaves).fold(end, f32::min);
+        let end = end.min(leave(p, v, self.n).1);
         let Some(occupancy) = self.occupancy else {
             self.visit_cells(p, v, 0.0, end, &mut f);
             return;

@@ -228,8 +228,8 @@ fn batches<const C: usize, T: track::Tracker<C>>(
             let photons = plan.photons_of(shot.batches);
             // Two batches make an error bar: until then the clock does not cut a batch short.
             let Some(energies) = walk.batch::<C>(shot.photons, photons, control, shot.batches >= 2) else {
-                shot.stopped = if control.stopped() { Stopped::Progress } else { Stopped::TimeLimit };
-                return if shot.batches == 0 { Err(Error::Interrupted) } else { Ok(()) };
+                shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
+                return if control.stopped() { Err(Error::Interrupted) } else { Ok(()) };
             };
             shot.batches += 1;
             shot.photons += photons;
@@ -238,7 +238,7 @@ fn batches<const C: usize, T: track::Tracker<C>>(
             let part = if goal == u64::MAX { 0.0 } else { shot.batches as f64 / goal as f64 };
             control.report(part.max(control.time_fraction()), shot.photons);
             if shot.batches >= 2 && control.late() && shot.batches < goal {
-                shot.stopped = Stopped::TimeLimit;
+                shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
                 return Ok(());
             }
         }

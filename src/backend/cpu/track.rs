@@ -1,6 +1,6 @@
 //! Trackers: from one point of a photon's way to its next collision, or out of the box.
 
-use crate::scene::field::{Dda, Field, V3, along, local};
+use crate::scene::field::{Dda, Field, V3, along, leave, local};
 use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, exponential, uniform};
 use crate::plan::{MajorantGrid, Score};
@@ -141,6 +141,8 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
     fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight {
         let scale = 1.0 / self.block as f32;
         let mut cells = Dda::new(p.map(|c| c * scale), v.map(|c| c * scale), [0; 3], self.cells);
+        // The last cells may reach over the box.
+        let (face, end) = leave(p, v, self.field.n());
         let mut words = draws.next4();
         let mut free = exponential(words[0], draws);
         let mut t = 0.0f32;
@@ -148,6 +150,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
             let c = cells.cell;
             let majorant = self.majorant[((c[2] * self.cells[1] + c[1]) * self.cells[0] + c[0]) as usize];
             let (axis, exit) = cells.exit();
+            let exit = exit.min(end);
             if majorant > 0.0 {
                 let inverse = 1.0 / majorant;
                 loop {
@@ -186,8 +189,8 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                 score_track(self.field.n(), p, v, (t, exit), w.get(), words[3], scorer);
             }
             t = t.max(exit);
-            if !cells.advance(axis) {
-                return Flight::Exit(cells.face(axis));
+            if exit >= end || !cells.advance(axis) {
+                return Flight::Exit(2 * face + usize::from(v[face] > 0.0));
             }
         }
     }
@@ -311,14 +314,7 @@ impl<const C: usize> Tracker<C> for Analytic {
     #[inline(always)]
     fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight {
         let words = draws.next4();
-        let (mut axis, mut exit) = (0, f32::INFINITY);
-        for a in 0..3 {
-            let edge = if v[a] > 0.0 { self.n[a] as f32 } else { 0.0 };
-            let t = if v[a] != 0.0 { ((edge - p[a]) / v[a]).max(0.0) } else { f32::INFINITY };
-            if t < exit {
-                (axis, exit) = (a, t);
-            }
-        }
+        let (axis, exit) = leave(p, v, self.n);
         let free = exponential(words[0], draws) / self.sigma_t.max(1e-30);
         let stop = free.min(exit);
         if self.scores && self.score == Score::Track {
