@@ -84,7 +84,7 @@ def test_error_bars_have_the_right_size(of, kind):
     assert abs(sample.mean() - expected) < bound, (
         f"mean z^2 {sample.mean():.3f} +- {stats.sem(sample):.3f}, {expected:.3f}"
     )
-    assert bound < 0.35 * expected
+    assert bound < 0.45 * expected
     # No bias: the mean z of a seed is 0 on average; skewness couples mean and error by some
     # hundredths.
     drift = z.mean(1)

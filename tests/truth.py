@@ -525,7 +525,8 @@ def within_ball(field, h, centre, radius):
 
 def dof(result, of="voxel"):
     """Degrees of freedom of Student's t that the z-scores of a result's voxels or pixels follow."""
-    return result.stats["degrees_of_freedom" if of == "voxel" else "degrees_of_freedom_pixel"]
+    given = result.stats["degrees_of_freedom" if of == "voxel" else "degrees_of_freedom_pixel"]
+    return given if result.stats["photons"] else 10**6  # nothing was sampled: no tail to allow for
 
 
 def energy_sum(energy):

@@ -11,7 +11,6 @@ def show_info() -> None:
         ("CPU lanes", info["simd"]),
         ("threads", info["threads"]),
         ("GPU", "not yet available"),
-        ("compiler", info["rustc"]),
     ]
     for name, value in rows:
         print(f"{name:<10} {value}")

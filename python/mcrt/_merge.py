@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MEANS = ("fluence", "radiance", "source", "source0", "subvolumes")
 ERRORS = ("fluence_error", "radiance_error")
 SAME_SETTINGS = ("max_scatterings", "errors", "outputs", "over_voxels")
-COUNTS = ("photons", "collisions", "tentative", "batches")
+COUNTS = ("photons", "collisions", "batches")
 
 
 def merge(a: "Result", b: "Result") -> dict[str, Any]:

@@ -47,7 +47,7 @@ impl Phase {
         let name = "TabulatedPhase";
         if cos_theta.len() != values.len() || cos_theta.len() < 2 {
             return scene_error(format!(
-                "{name}: {} cosines and {} values given; two equally long sequences of at least 2 are needed",
+                "{name}: {} cos_theta and {} values given; two equally long sequences of at least 2 are needed",
                 cos_theta.len(),
                 values.len()
             ));

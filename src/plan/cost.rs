@@ -24,7 +24,7 @@ pub fn memory(plan: &Plan) -> Memory {
     let voxels = volume.voxels() as u64;
     let values = voxels * plan.channels as u64;
     let corners: u64 = volume.n().iter().map(|&m| m as u64 + 1).product();
-    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light)).count() as u64;
+    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light, volume.is_constant())).count() as u64;
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
     let wants_source = u64::from(plan.wants_source());
@@ -52,9 +52,12 @@ pub fn memory(plan: &Plan) -> Memory {
 }
 
 /// Whether a light keeps a grid of column densities at voxel corners.
-pub fn uses_corners(plan: &super::LightPlan, light: &Light) -> bool {
-    matches!(light, Light::Point { .. } | Light::Directional { .. })
-        && (plan.column == Column::Corners || plan.emission == Emission::FirstCollision)
+pub fn uses_corners(plan: &super::LightPlan, light: &Light, constant: bool) -> bool {
+    !constant
+        && matches!(light, Light::Point { .. } | Light::Directional { .. })
+        && (plan.column == Column::Corners
+            || plan.emission == Emission::FirstCollision
+            || matches!(plan.direct, Direct::Quadrature { rays: false, .. }))
 }
 
 /// Refuses a plan that does not fit, unless forced.
@@ -138,12 +141,13 @@ pub fn seconds(plan: &Plan) -> f64 {
     let volume = &plan.scene.medium.volume;
     let threads = threads(plan.settings.threads) as f64;
     let side = volume.n().iter().map(|&m| m as f64).fold(0.0, f64::max);
-    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light)).count() as f64;
+    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light, volume.is_constant())).count() as f64;
     let points: f64 = plan
         .lights
         .iter()
         .map(|l| match (l.direct, l.column) {
-            (Direct::Quadrature { parts }, Column::Rays) => (parts * parts * parts) as f64,
+            (Direct::Quadrature { points, rays: true }, _) => (points * points * points) as f64,
+            (Direct::Quadrature { .. }, Column::Rays) => 1.0,
             _ => 0.0,
         })
         .sum();

@@ -52,7 +52,12 @@ impl MajorantGrid {
     /// The cheapest block size for the volume, and its expected cost per voxel of flight.
     pub fn cheapest(volume: &Volume, depth: f64) -> (Self, f64) {
         let longest = volume.n().into_iter().max().unwrap_or(1);
-        let mut grid = MajorantGrid::new(volume, if volume.voxels() > 1 << 21 { 4 } else { 2 });
+        let finest = match volume.voxels() {
+            0..=262_144 => 1,
+            262_145..=2_097_152 => 2,
+            _ => 4,
+        };
+        let mut grid = MajorantGrid::new(volume, finest);
         let mut best = (grid.clone(), grid.cost(depth));
         while grid.block < longest {
             grid = grid.coarser();

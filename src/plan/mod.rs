@@ -38,10 +38,12 @@ pub enum Emission {
 /// How the unscattered light of a light is found in voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direct {
-    /// In closed form along the light, in each of `parts`^3 parts of a voxel.
+    /// By Gauss points in each voxel.
     Quadrature {
-        /// Parts per axis.
-        parts: usize,
+        /// Points per axis.
+        points: usize,
+        /// A light ray from each point, rather than the corners' columns put right by one ray from the centre.
+        rays: bool,
     },
     /// Exactly, along a pencil beam.
     Beam,
@@ -168,7 +170,7 @@ impl<'a> Plan<'a> {
 
         let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
         let orders = match method {
-            Method::Single => 1,
+            Method::Single => settings.max_scatterings.unwrap_or(1).min(1),
             Method::Photon => settings.max_scatterings.unwrap_or(u32::MAX),
         };
         let chromatic = medium.is_chromatic() && channels == 3;
@@ -303,7 +305,7 @@ impl<'a> Plan<'a> {
 
     /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).
     pub fn wants_source(&self) -> bool {
-        self.settings.radiance || self.settings.image
+        self.orders > 0 && (self.settings.radiance || self.settings.image)
     }
 }
 
@@ -325,8 +327,7 @@ impl Explain {
             Light::Environment { .. } => "EnvironmentLight",
         };
         let direct = match plan.direct {
-            Direct::Quadrature { parts: 1 } => "order 0 by quadrature".into(),
-            Direct::Quadrature { parts } => format!("order 0 by quadrature ({parts}^3 parts a voxel)"),
+            Direct::Quadrature { points, .. } => format!("order 0 by {points}^3 points a voxel"),
             Direct::Beam => "order 0 exact along the beam".into(),
             Direct::Sampled => "order 0 by photons".into(),
         };
@@ -346,7 +347,7 @@ impl Explain {
             format!(
                 "a voxel's optical depth is at most {depth:.3}{}",
                 match light {
-                    Light::Point { .. } | Light::Directional { .. } =>
+                    Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 =>
                         format!(", interpolating the light grid errs by {:.2} % rms", 100.0 * plan.interpolation_error),
                     _ => String::new(),
                 }
@@ -375,6 +376,9 @@ fn choose_method(
     let again = medium.max_albedo() * -(-medium.max_sigma_t() * diagonal).exp_m1();
     let beyond = if again < 1.0 { again / (1.0 - again) } else { f64::INFINITY };
     let (method, reason) = match (settings.method, target_error) {
+        (Some(Method::Single), _) => {
+            (Method::Single, format!("asked for; orders >= 2, which may reach {beyond:.2} of order 1, are left out"))
+        }
         (Some(method), _) => (method, "asked for".into()),
         (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => (
             Method::Single,
@@ -382,13 +386,6 @@ fn choose_method(
         ),
         (None, _) => (Method::Photon, format!("orders >= 2 may reach {beyond:.2} of order 1")),
     };
-    if method == Method::Single && settings.max_scatterings.is_some_and(|n| n != 1) && settings.method.is_some() {
-        return scene_error(format!(
-            "method = \"single\" holds scattering order 1 only, but max_scatterings = {} is asked for; \
-             use method = \"photon\"",
-            settings.max_scatterings.unwrap_or(0)
-        ));
-    }
     why.push("method", if method == Method::Single { "single" } else { "photon" }.into(), reason);
     Ok(method)
 }
@@ -417,20 +414,37 @@ fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPl
                 }
                 _ => false,
             };
-            let parts = match depth {
-                d if d <= 1.0 => 1,
-                d if d <= 3.0 => 2,
-                d if d <= 8.0 => 3,
-                _ => 4,
-            };
-            let direct = Direct::Quadrature { parts };
             let first = shoots && !near && depth <= FIRST_COLLISION_DEPTH;
             let emission = if first { Emission::FirstCollision } else { at_light };
-            let interpolation_error = probe::interpolation_error(scene, light);
-            let column = if interpolation_error > INTERPOLATION_ERROR { Column::Rays } else { Column::Corners };
+            // Rays through constant density have a closed form: no grid is as cheap.
+            let constant = volume.is_constant();
+            let interpolation_error = if constant { 0.0 } else { probe::interpolation_error(scene, light) };
+            let rays = constant || interpolation_error > INTERPOLATION_ERROR;
+            let column = if rays { Column::Rays } else { Column::Corners };
+            let direct = choose_quadrature(depth, volume.voxels(), constant);
             LightPlan { emission, direct, column, interpolation_error }
         }
     }
+}
+
+/// As many points per voxel as its depth needs, and more where they cost nothing to speak of: kinks of the depth behind
+/// the box's edges are then averaged. A light ray for each where that is affordable.
+fn choose_quadrature(depth: f64, voxels: usize, constant: bool) -> Direct {
+    let needed = match depth {
+        d if d <= 0.15 => 1,
+        d if d <= 1.5 => 2,
+        d if d <= 3.0 => 3,
+        d if d <= 6.0 => 4,
+        d if d <= 12.0 => 8,
+        _ => 16,
+    };
+    // In constant density a ray has a closed form.
+    let affordable = if constant { 2e7 } else { 4e6 };
+    let spare = ((affordable / voxels as f64).cbrt() as usize).clamp(1, 4);
+    let points = spare.max(needed);
+    let cost = (points as f64).powi(3) * voxels as f64;
+    let rays = constant || cost <= affordable;
+    Direct::Quadrature { points, rays }
 }
 
 fn choose_tracker(
@@ -494,7 +508,7 @@ fn choose_layers(
     orders: u32,
 ) -> (Vec<Layer>, [Route; 3]) {
     let isotropic = scene.medium.phase.is_isotropic();
-    let wants_source = settings.radiance || settings.image;
+    let wants_source = orders > 0 && (settings.radiance || settings.image);
     let sampled = lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
     let scattered = scattered && lights.iter().any(|l| l.emission != Emission::Nothing);
     let mut layers = Vec::new();

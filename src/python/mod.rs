@@ -152,9 +152,12 @@ fn gather<'py>(
     let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
     let occupancy = occupancy.as_ref();
     let columns: Vec<_> = stored.columns.iter().map(|c| if c.is_some() { Column::Corners } else { Column::Rays }).collect();
+    // Without a scattering no light is seen in the medium.
+    let dark = convert::optional::<u64>(volumes, "max_scatterings")? == Some(0);
     let lights = parsed
         .lights
         .iter()
+        .filter(|_| !dark)
         .zip(&columns)
         .zip(&stored.columns)
         .filter_map(|((light, how), corners)| {

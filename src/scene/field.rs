@@ -112,12 +112,13 @@ impl Corners {
     }
 }
 
-/// The two indices and the weight of linear interpolation between voxel centres along one axis, clamped at the border.
+/// The two indices and the weight of linear interpolation between voxel centres along one axis; beyond the outermost
+/// centres the line through the last two goes on.
 #[inline(always)]
 pub fn between(p: f32, n: i32) -> (usize, usize, f32) {
     let q = p - 0.5;
-    let i = floor(q);
-    (i.clamp(0, n - 1) as usize, (i + 1).clamp(0, n - 1) as usize, q - i as f32)
+    let i = floor(q).min(n - 2).max(0);
+    (i as usize, (i + 1).min(n - 1) as usize, q - i as f32)
 }
 
 /// Blocks of voxels, each with whether a lookup within it can be other than zero.
@@ -159,18 +160,19 @@ pub struct Field<'a> {
     values: &'a [f32],
     n: [i32; 3],
     linear: bool,
+    constant: bool,
     occupancy: Option<&'a Occupancy>,
 }
 
 impl<'a> Field<'a> {
     /// The volume's densities.
     pub fn density(volume: &Volume<'a>) -> Self {
-        Field::new(volume.density(), volume)
+        Field { constant: volume.is_constant(), ..Field::new(volume.density(), volume) }
     }
 
     /// Other values on the voxels of a volume.
     pub fn new(values: &'a [f32], volume: &Volume) -> Self {
-        Field { values, n: volume.n().map(|m| m as i32), linear: volume.linear(), occupancy: None }
+        Field { values, n: volume.n().map(|m| m as i32), linear: volume.linear(), constant: false, occupancy: None }
     }
 
     /// The same field, walked past its empty blocks.
@@ -260,7 +262,9 @@ impl<'a> Field<'a> {
     pub fn column(&self, p: V3, v: V3, end: f32) -> f32 {
         const NODE: f32 = 0.211_324_87;
         let mut sum = 0.0f32;
-        if self.linear {
+        if self.constant {
+            sum = self.values[0] * end.min(leave(p, v, self.n).1);
+        } else if self.linear {
             self.visit(p, v, end, |cell, t0, t1| {
                 let corners = self.corners(cell);
                 let step = NODE * (t1 - t0);

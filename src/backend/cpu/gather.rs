@@ -144,7 +144,10 @@ fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
     let (size, eye) = (volume.size(), volume.local(camera.origin));
     let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt();
     let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    ((camera.pixel_width(distance) / h).ceil() as usize).clamp(1, 4)
+    let voxels = camera.pixel_width(distance) / h;
+    // Between voxel centres the image is smooth; with constant voxels it jumps at their edges.
+    let steps = if volume.linear() || volume.is_constant() { voxels } else { 5.0 * voxels };
+    (steps.ceil() as usize).clamp(1, 5)
 }
 
 /// Everything along view rays that does not change from ray to ray.
@@ -188,8 +191,9 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
         let hits = corners.iter().filter(|(u, v)| self.range(camera, x + u, y + v).is_some()).count();
         let edge = hits != 0 && hits != 4;
-        let bright = self.volumes.lights.iter().any(|light| self.sees(camera, x + 0.5, y + 0.5, light));
-        let n = if bright { 16 } else if edge { 8 } else { fine };
+        let centre = (x + 0.5, y + 0.5);
+        let bright = self.volumes.lights.iter().map(|light| self.sees(camera, centre, light)).fold(1, usize::max);
+        let n = fine.max(if edge { 8 } else { 1 }).max(bright);
         let mut order1 = [0.0f32; C];
         let mut source = [0.0f32; S];
         let mut through = [0.0f32; C];
@@ -231,15 +235,23 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         })
     }
 
-    /// Whether a point light stands in the box within two pixels of the image point: its 1/d^2 needs finer sampling.
-    fn sees(&self, camera: &Camera, x: f64, y: f64, light: &Illumination) -> bool {
-        let Source::Point(position) = light.source else { return false };
-        let Some(Ray { p, direction: d, length, .. }) = self.range(camera, x, y) else { return false };
+    /// Rays per axis that a pixel needs because a point light in the box stands near its line of sight: 1/d^2 is steep.
+    fn sees(&self, camera: &Camera, (x, y): (f64, f64), light: &Illumination) -> usize {
+        let Source::Point(position) = light.source else { return 1 };
+        let Some(Ray { p, direction: d, length, .. }) = self.range(camera, x, y) else { return 1 };
         let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * self.h[a] as f32);
         let t = (0..3).map(|a| to[a] * d[a]).sum::<f32>();
         let off = (0..3).map(|a| (to[a] - t * d[a]).powi(2)).sum::<f32>().sqrt();
         let pixel = camera.pixel_width(f64::from(t.clamp(0.0, length))) as f32;
-        t > 0.0 && t < length && off < 2.0 * pixel
+        if t <= 0.0 || t >= length {
+            return 1;
+        }
+        match off / pixel {
+            o if o < 2.0 => 16,
+            o if o < 8.0 => 4,
+            o if o < 32.0 => 2,
+            _ => 1,
+        }
     }
 
     /// Sums along one ray.

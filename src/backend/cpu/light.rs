@@ -176,40 +176,63 @@ fn interpolate_corners(corners: &[f32], n: [i32; 3], p: V3) -> f32 {
     y0 + u[2] * (y1 - y0)
 }
 
-/// The mean unscattered fluence of voxel `cell`, per channel, for a light of one direction a point. The voxel is cut into
-/// `parts`^3; in each the depth is taken as linear along the light, over which its exponential has a closed mean.
-pub fn voxel_fluence(light: &Illumination, extinction: &[f32; 3], parts: usize, cell: [i32; 3]) -> [f32; 3] {
-    if let Source::Point(position) = light.source {
-        let centre: V3 = cell.map(|c| c as f32 + 0.5);
-        if (0..3).all(|a| (centre[a] - position[a]).abs() < 3.0) {
-            return near_fluence(light, extinction, cell, position);
-        }
+/// The mean unscattered fluence of voxel `cell`, per channel, for a light of one direction a point, by `points`^3 Gauss
+/// points. With `rays` each has a light ray; else the columns between the corners are shifted to be right at the centre.
+pub fn voxel_fluence(
+    light: &Illumination,
+    extinction: &[f32; 3],
+    (points, rays): (usize, bool),
+    cell: [i32; 3],
+) -> Quadrature {
+    let centre: V3 = cell.map(|c| c as f32 + 0.5);
+    if let Source::Point(position) = light.source
+        && (0..3).all(|a| (centre[a] - position[a]).abs() < 3.0)
+    {
+        let fluence = near_fluence(light, extinction, cell, position);
+        let density = light.field.at(centre);
+        return Quadrature { fluence, collisions: fluence.map(|f| f * density) };
     }
-    let width = 1.0 / parts as f32;
-    let weight = width * width * width;
-    let mut sum = [0.0f32; 3];
-    for at in 0..parts * parts * parts {
-        let part = [at % parts, at / parts % parts, at / (parts * parts)];
-        let p: V3 = std::array::from_fn(|a| cell[a] as f32 + (part[a] as f32 + 0.5) * width);
+    let rule = GAUSS[points.clamp(1, 4) - 1];
+    let pieces = points.div_ceil(4);
+    let node = |at: usize| {
+        let (x, w) = rule[at % rule.len()];
+        (((at / rule.len()) as f32 + x as f32) / pieces as f32, w as f32 / pieces as f32)
+    };
+    let shift = if light.rays && !rays {
+        let incident = light.incident(centre);
+        light.ray(centre, &incident) - light.rough_column(centre, &incident)
+    } else {
+        0.0
+    };
+    let per_axis = rule.len() * pieces;
+    let mut sum = Quadrature { fluence: [0.0; 3], collisions: [0.0; 3] };
+    for at in 0..per_axis * per_axis * per_axis {
+        let nodes = [node(at % per_axis), node(at / per_axis % per_axis), node(at / (per_axis * per_axis))];
+        let p: V3 = std::array::from_fn(|a| cell[a] as f32 + nodes[a].0);
         let incident = light.incident(p);
-        let column = light.column(p, &incident);
+        let column = if rays {
+            light.ray(p, &incident)
+        } else {
+            (light.rough_column(p, &incident) + shift).max(0.0)
+        };
+        let weight = nodes[0].1 * nodes[1].1 * nodes[2].1 * incident.falloff;
         let density = light.field.at(p);
         for c in 0..3 {
-            let mut mean = light.value[c] * incident.falloff * weight * (-extinction[c] * column).exp();
-            for a in 0..3 {
-                mean *= sinhc(0.5 * extinction[c] * density * incident.direction[a] * light.h[a] * width);
-            }
-            sum[c] += mean;
+            let fluence = weight * light.value[c] * (-extinction[c] * column).exp();
+            sum.fluence[c] += fluence;
+            sum.collisions[c] += fluence * density;
         }
     }
     sum
 }
 
-/// sinh(x) / x, the mean of exp over [-x, x]; kept finite where the exponential around it has long vanished.
-#[inline(always)]
-fn sinhc(x: f32) -> f32 {
-    let square = x * x;
-    if square < 0.25 { 1.0 + square * (1.0 / 6.0 + square * (1.0 / 120.0 + square * (1.0 / 5040.0))) } else { x.abs().min(40.0).sinh() / x.abs().min(40.0) }
+/// Means over a voxel, by channel.
+#[derive(Debug, Clone, Copy)]
+pub struct Quadrature {
+    /// Of the unscattered fluence.
+    pub fluence: [f32; 3],
+    /// Of density * unscattered fluence, of which the extinction makes collisions.
+    pub collisions: [f32; 3],
 }
 
 /// The same next to a point light, or around it, where 1/d^2 is no polynomial: the volume integral in the light's
@@ -224,7 +247,7 @@ fn near_fluence(light: &Illumination, extinction: &[f32; 3], cell: [i32; 3], pos
         for side in 0..2 {
             let plane = f64::from(cell[axis] + side);
             let distance = (plane - f64::from(position[axis])) * h[axis] * if side == 1 { 1.0 } else { -1.0 };
-            if distance == 0.0 {
+            if distance <= 0.0 {
                 continue;
             }
             for at in 0..PIECES * PIECES * 16 {
@@ -241,13 +264,23 @@ fn near_fluence(light: &Illumination, extinction: &[f32; 3], cell: [i32; 3], pos
                 let solid_angle = wu * wv * h[u] * h[v] / (PIECES * PIECES) as f64 * distance / (d2 * d);
                 let end = point.map(|c| c as f32);
                 let incident = light.incident(end);
-                // From the light outwards: depth to the part x of the way, by the ray back from there.
+                // The part of the ray within the voxel, as parts of its whole; it ends at this face.
+                let enter = (0..3)
+                    .map(|a| {
+                        let (low, way) = (f64::from(cell[a]) - f64::from(position[a]), point[a] - f64::from(position[a]));
+                        if way == 0.0 { 0.0 } else { (low / way).min((low + 1.0) / way) }
+                    })
+                    .fold(0.0, f64::max);
+                if enter >= 1.0 {
+                    continue;
+                }
                 for &(x, w) in rule {
+                    let x = enter + (1.0 - enter) * x;
                     let part: V3 = std::array::from_fn(|a| position[a] + (end[a] - position[a]) * x as f32);
                     let here = Incident { distance: incident.distance * x as f32, ..incident };
                     let column = light.ray(part, &here);
                     for c in 0..3 {
-                        sum[c] += solid_angle * w * d * f64::from((-extinction[c] * column).exp());
+                        sum[c] += solid_angle * w * (1.0 - enter) * d * f64::from((-extinction[c] * column).exp());
                     }
                 }
             }

@@ -78,7 +78,7 @@ fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
 fn light_grids(plan: &Plan, occupancy: Option<&Occupancy>, control: &Control) -> Vec<Option<Vec<f32>>> {
     let scene = plan.scene;
     let grid = |(light, how): (&Light, &crate::plan::LightPlan)| {
-        if !cost::uses_corners(how, light) {
+        if !cost::uses_corners(how, light, scene.medium.volume.is_constant()) {
             return None;
         }
         let everywhere = plan.settings.fluence || plan.settings.radiance;

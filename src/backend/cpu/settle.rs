@@ -3,7 +3,7 @@
 use super::emit::{hit_fraction, mean_density};
 use crate::scene::field::{Occupancy, V3};
 use super::gather::{Volumes, image};
-use super::light::{Illumination, beam, unscattered, voxel_fluence};
+use super::light::{Illumination, Quadrature, beam, unscattered, voxel_fluence};
 use super::shoot::LocalEye;
 use super::{Shot, pixel_error};
 use crate::backend::Control;
@@ -81,7 +81,7 @@ pub(super) fn settle(
         (mean, error)
     });
 
-    let mut source0 = plan.settings.image.then_some(direct.beams).flatten();
+    let mut source0 = direct.beams.filter(|_| plan.settings.image);
     if tallied && !shot.source0.is_empty() && plan.settings.image {
         let sampled: Vec<f32> = shot.source0.par_iter().map(|x| (*x / count as f64) as f32).collect();
         if let Some(j) = &mut source {
@@ -155,22 +155,22 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
     let h = volume.spacing().map(|c| c as f32);
     let phase = &scene.medium.phase;
     let eye = LocalEye::new(plan);
-    let wants_source = plan.settings.radiance;
+    let wants_source = plan.settings.radiance && plan.wants_source();
     let quiet = plan.lights.iter().any(|l| l.emission == Emission::Nothing);
     let mut fluence = vec![0.0f32; if plan.settings.fluence { values } else { 0 }];
-    let mut source = vec![0.0f32; if wants_source { values } else { 0 }];
+    let mut source = vec![0.0f32; if plan.settings.radiance { values } else { 0 }];
     let mut collided = vec![[[0.0f64; 3]; 2]; scene.lights.len()];
     let albedo = |voxel: usize| match scene.medium.albedo {
         Albedo::Constant(a) => a.rgb,
         Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
     };
-    let quadrature: Vec<(usize, &Illumination, usize)> = plan
+    let quadrature: Vec<(usize, &Illumination, (usize, bool))> = plan
         .lights
         .iter()
         .zip(views)
         .enumerate()
         .filter_map(|(l, (how, view))| match (how.direct, view) {
-            (Direct::Quadrature { parts }, Some(view)) => Some((l, view, parts)),
+            (Direct::Quadrature { points, rays }, Some(view)) => Some((l, view, (points, rays))),
             _ => None,
         })
         .collect();
@@ -178,7 +178,8 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
         let row = n[0] * channels;
         let rows = n[1] * n[2];
         let mut fluence_rows: Vec<Option<&mut [f32]>> = super::pad(fluence.chunks_mut(row), rows);
-        let mut source_rows: Vec<Option<&mut [f32]>> = super::pad(source.chunks_mut(row), rows);
+        let lit: &mut [f32] = if wants_source { &mut source } else { &mut [] };
+        let mut source_rows: Vec<Option<&mut [f32]>> = super::pad(lit.chunks_mut(row), rows);
         let sums: Vec<Vec<[[f64; 3]; 2]>> = fluence_rows
             .par_iter_mut()
             .zip(source_rows.par_iter_mut())
@@ -192,8 +193,8 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
                 for i in 0..n[0] {
                     let cell = [i as i32, j as i32, k as i32];
                     let centre = cell.map(|c| c as f32 + 0.5);
-                    for &(l, view, parts) in &quadrature {
-                        let phi = voxel_fluence(view, &extinction, parts, cell);
+                    for &(l, view, rule) in &quadrature {
+                        let Quadrature { fluence: phi, collisions } = voxel_fluence(view, &extinction, rule, cell);
                         if let Some(row) = fluence {
                             (0..channels).for_each(|c| row[i * channels + c] += phi[c]);
                         }
@@ -203,10 +204,9 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
                             (0..channels).for_each(|c| row[i * channels + c] += phi[c] * p);
                         }
                         if quiet {
-                            let density = f64::from(mean_density(volume, [i, j, k])) * volume.voxel_volume();
                             let albedo = albedo(at * n[0] + i);
                             for c in 0..3 {
-                                let power = density * scene.medium.extinction.rgb[c] * f64::from(phi[c]);
+                                let power = scene.medium.extinction.rgb[c] * f64::from(collisions[c]) * volume.voxel_volume();
                                 sums[l][0][c] += power * (1.0 - albedo[c]);
                                 sums[l][1][c] += power * albedo[c];
                             }
@@ -227,7 +227,7 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
     let mut beams: Option<Vec<f32>> = None;
     for (l, light) in scene.lights.iter().enumerate() {
         let Light::Pencil { position, direction, power } = light else { continue };
-        let beams = beams.get_or_insert_with(|| vec![0.0f32; if plan.wants_source() { values } else { 0 }]);
+        let beams = beams.get_or_insert_with(|| vec![0.0f32; if plan.wants_source() && plan.settings.image { values } else { 0 }]);
         let cubic = volume.voxel_volume();
         beam(scene, *position, *direction, |voxel, length| {
             let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
@@ -242,7 +242,7 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
                     if let Some(x) = fluence.get_mut(at) {
                         *x += phi as f32;
                     }
-                    if let Some(x) = source.get_mut(at) {
+                    if let Some(x) = source.get_mut(at).filter(|_| wants_source) {
                         *x += phi as f32 * p;
                     }
                     if let Some(x) = beams.get_mut(at) {
