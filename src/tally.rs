@@ -1,25 +1,26 @@
 //! Fixed-point tallies: bins that threads add to in any order with the same bits, and the moments that batches fold into.
 
-use rayon::prelude::*;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// A deposit of the reference size in units of a bin. Deposits are rounded stochastically, so none rounds away.
 pub const REFERENCE_UNITS: f64 = 65_536.0;
 
-/// One batch's deposits: 32-bit words, and the carries out of them.
+/// One batch's deposits: 32-bit words, and the carries out of them. One set per thread, whose additions then need no
+/// locked instruction, or one that all threads share.
 #[derive(Debug)]
 pub struct Bins {
     words: Vec<AtomicU32>,
+    shared: bool,
     carries: Mutex<Vec<(usize, u32)>>,
 }
 
 impl Bins {
-    /// `len` empty bins.
-    pub fn new(len: usize) -> Self {
+    /// `len` empty bins, which several threads may add to if `shared`.
+    pub fn new(len: usize, shared: bool) -> Self {
         let mut words = Vec::new();
         words.resize_with(len, AtomicU32::default);
-        Bins { words, carries: Mutex::default() }
+        Bins { words, shared, carries: Mutex::default() }
     }
 
     /// Adds `value` (in units, not negative), rounded up with the chance of its fraction; `xi` within [0, 1).
@@ -35,7 +36,14 @@ impl Bins {
 
     #[inline(always)]
     fn add_word(&self, index: usize, increment: u32) {
-        let old = self.words[index].fetch_add(increment, Relaxed);
+        let word = &self.words[index];
+        let old = if self.shared {
+            word.fetch_add(increment, Relaxed)
+        } else {
+            let old = word.load(Relaxed);
+            word.store(old.wrapping_add(increment), Relaxed);
+            old
+        };
         if old.checked_add(increment).is_none() {
             self.carry(index, 1);
         }
@@ -69,43 +77,39 @@ impl Bins {
         }
         sums
     }
-
-    /// Empties all bins.
-    pub fn clear(&self) {
-        self.take_carries();
-        self.words.par_iter().with_min_len(1 << 14).for_each(|w| w.store(0, Relaxed));
-    }
 }
 
 /// A batch that is over: reads each bin once and leaves it empty.
 pub struct Drain<'a> {
-    bins: &'a [Bins],
-    carries: Vec<Vec<(usize, u64)>>,
+    bins: &'a [Vec<Bins>],
+    carries: Vec<Vec<Vec<(usize, u64)>>>,
 }
 
 impl<'a> Drain<'a> {
-    /// Ends the batch of these layers.
-    pub fn new(bins: &'a [Bins]) -> Self {
-        Drain { bins, carries: bins.iter().map(Bins::take_carries).collect() }
+    /// Ends the batch of these layers, each of one or several sets of bins.
+    pub fn new(bins: &'a [Vec<Bins>]) -> Self {
+        let carries = bins.iter().map(|sets| sets.iter().map(Bins::take_carries).collect()).collect();
+        Drain { bins, carries }
     }
 
     /// The sum in a bin of a layer, in units.
     #[inline(always)]
     pub fn take(&self, layer: usize, index: usize) -> f64 {
-        // Nobody else adds by now: a load and a store are cheaper than a locked exchange.
-        let word = &self.bins[layer].words[index];
-        let low = f64::from(word.load(Relaxed));
-        word.store(0, Relaxed);
-        if self.carries[layer].is_empty() {
-            return low;
+        let mut sum = 0u64;
+        for (set, carries) in self.bins[layer].iter().zip(&self.carries[layer]) {
+            // Nobody else adds by now: a load and a store are cheaper than a locked exchange.
+            let word = &set.words[index];
+            sum += u64::from(word.load(Relaxed));
+            word.store(0, Relaxed);
+            if !carries.is_empty()
+                && let Ok(at) = carries.binary_search_by_key(&index, |c| c.0)
+            {
+                sum += carries[at].1 << 32;
+            }
         }
-        match self.carries[layer].binary_search_by_key(&index, |c| c.0) {
-            Ok(at) => low + self.carries[layer][at].1 as f64 * 4_294_967_296.0,
-            Err(_) => low,
-        }
+        sum as f64
     }
 }
-
 
 /// Means and sums of squared deviations of many quantities.
 #[derive(Debug, Clone, Default)]
@@ -125,6 +129,9 @@ impl Moments {
     /// Takes in batch number `count` (from 1) of one quantity.
     #[inline(always)]
     pub fn update(mean: &mut f64, m2: &mut f32, count: u64, x: f64) {
+        if x == 0.0 && *mean == 0.0 {
+            return; // most voxels of a sparse scene
+        }
         let before = x - *mean;
         *mean += before / count as f64;
         *m2 = (f64::from(*m2) + before * (x - *mean)) as f32;
@@ -142,25 +149,26 @@ mod tests {
 
     #[test]
     fn bins_carry_beyond_32_bits() {
-        let bins = [Bins::new(3)];
+        let bins = [vec![Bins::new(3, true), Bins::new(3, false)]];
         for _ in 0..5 {
-            bins[0].add(1, 2_000_000_000.0, 0.0);
+            bins[0][0].add(1, 2_000_000_000.0, 0.0);
+            bins[0][1].add(1, 2_000_000_000.0, 0.0);
         }
-        bins[0].add(1, 3.0e10, 0.0);
-        bins[0].add(2, 7.0, 0.5);
+        bins[0][0].add(1, 3.0e10, 0.0);
+        bins[0][1].add(2, 7.0, 0.5);
         let drain = Drain::new(&bins);
         assert_eq!(drain.take(0, 0), 0.0);
-        let expected = 5.0 * 2_000_000_000.0 + f64::from(3.0e10f32);
+        let expected = 10.0 * 2_000_000_000.0 + f64::from(3.0e10f32);
         assert_eq!(drain.take(0, 1), expected);
         assert_eq!(drain.take(0, 2), 7.0);
     }
 
     #[test]
     fn stochastic_rounding_keeps_the_mean_of_tiny_deposits() {
-        let bins = [Bins::new(1)];
+        let bins = [vec![Bins::new(1, false)]];
         let n = 100_000;
         for i in 0..n as u32 {
-            bins[0].add(0, 0.01, (i.wrapping_mul(2_654_435_769) >> 8) as f32 / 16_777_216.0);
+            bins[0][0].add(0, 0.01, (i.wrapping_mul(2_654_435_769) >> 8) as f32 / 16_777_216.0);
         }
         let got = Drain::new(&bins).take(0, 0);
         assert!((got / (0.01 * f64::from(n)) - 1.0).abs() < 0.05, "{got}");

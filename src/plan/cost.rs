@@ -37,7 +37,7 @@ pub fn memory(plan: &Plan) -> Memory {
     };
     let mut parts = vec![
         ("density (input)", voxels * 4),
-        ("tally bins", values * 4 * plan.layers.len() as u64),
+        ("tally bins", values * 4 * (plan.layers.len() * bin_sets(plan)) as u64),
         ("moments", values * 12 * moments),
         ("replicate volumes", values * 4 * plan.subvolumes as u64),
         ("light grids", corners * 4 * grids),
@@ -49,6 +49,16 @@ pub fn memory(plan: &Plan) -> Memory {
     }
     parts.retain(|p| p.1 > 0);
     Memory { parts }
+}
+
+/// Tally bins of all threads beyond this are shared.
+const PRIVATE_BINS: usize = 128 << 20;
+
+/// Sets of bins per layer: one per thread while they are small, which spares locked additions; else one.
+pub fn bin_sets(plan: &Plan) -> usize {
+    let sets = threads(plan.settings.threads);
+    let bytes = plan.scene.medium.volume.voxels() * plan.channels * 4 * plan.layers.len();
+    if bytes * sets <= PRIVATE_BINS { sets } else { 1 }
 }
 
 /// Whether a light keeps a grid of column densities at voxel corners.

@@ -22,7 +22,7 @@ impl MajorantGrid {
     /// The grid with blocks of the given size.
     pub fn new(volume: &Volume, block: usize) -> Self {
         let n = volume.n().map(|m| m.div_ceil(block));
-        MajorantGrid { block, n, density: block_maxima(volume, block) }
+        MajorantGrid { block, n, density: block_maxima(volume, block, volume.reach()) }
     }
 
     /// The next coarser grid, of twice the block.

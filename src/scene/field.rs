@@ -134,7 +134,7 @@ const BLOCK: usize = 8;
 impl Occupancy {
     /// The occupied blocks of a volume; `None` where skipping the empty ones would not pay.
     pub fn new(volume: &Volume) -> Option<Self> {
-        let grid = super::block_maxima(volume, BLOCK);
+        let grid = super::block_maxima(volume, BLOCK, volume.reach());
         let empty = grid.iter().filter(|&&d| d == 0.0).count();
         (8 * empty >= grid.len()).then(|| Occupancy {
             n: volume.n().map(|m| m.div_ceil(BLOCK) as i32),
@@ -432,7 +432,7 @@ mod tests {
             let whole = Field::density(&v);
             let occupancy = Occupancy {
                 n: n.map(|m| m.div_ceil(BLOCK) as i32),
-                occupied: super::super::block_maxima(&v, BLOCK).iter().map(|&d| d > 0.0).collect(),
+                occupied: super::super::block_maxima(&v, BLOCK, v.reach()).iter().map(|&d| d > 0.0).collect(),
             };
             let skipping = whole.skipping(Some(&occupancy));
             for i in 0..500 {

@@ -72,12 +72,11 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// The largest density that a lookup within each block of `block`^3 voxels can return, x fastest. With interpolation that
-/// includes the neighbouring voxels, whose values reach half a voxel into the block.
-pub fn block_maxima(volume: &Volume, block: usize) -> Vec<f32> {
+/// The largest density in each block of `block`^3 voxels and up to `reach` voxels around it, x fastest. A lookup with
+/// interpolation reaches one voxel over the block, one of the nearest voxel none: [`Volume::reach`].
+pub fn block_maxima(volume: &Volume, block: usize, reach: usize) -> Vec<f32> {
     let m = volume.n();
     let n = m.map(|extent| extent.div_ceil(block));
-    let reach = usize::from(volume.linear());
     let range =
         |cell: usize, axis: usize| (cell * block).saturating_sub(reach)..((cell + 1) * block + reach).min(m[axis]);
     (0..n[0] * n[1] * n[2])

@@ -97,6 +97,11 @@ impl<'a> Volume<'a> {
         self.linear
     }
 
+    /// How many voxels beyond its own a lookup reads.
+    pub fn reach(&self) -> usize {
+        usize::from(self.linear)
+    }
+
     /// The smallest density.
     pub fn min(&self) -> f32 {
         self.min

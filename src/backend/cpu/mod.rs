@@ -111,8 +111,8 @@ struct Shot {
     source: Moments,
     /// J of incident order 0, summed over batches.
     source0: Vec<f64>,
-    /// Sums of the replicates, the replicate fastest.
-    subvolumes: Vec<f32>,
+    /// Sums of the replicates, one volume each.
+    subvolumes: Vec<Vec<f32>>,
     /// Batches in each replicate.
     subvolume_batches: Vec<u64>,
     /// Energies of each batch, and the power that a weight of 1 stands for.
@@ -133,7 +133,7 @@ impl Shot {
             fluence: Moments::new(if wants_fluence && !plan.layers.is_empty() { values } else { 0 }),
             source: Moments::new(if wants_source && !plan.layers.is_empty() { values } else { 0 }),
             source0: vec![0.0; if sampled0 && plan.wants_source() { values } else { 0 }],
-            subvolumes: vec![0.0; values * plan.subvolumes],
+            subvolumes: vec![vec![0.0; values]; plan.subvolumes],
             subvolume_batches: vec![0; plan.subvolumes],
             energies: Vec::new(),
             batches: 0,
@@ -160,7 +160,7 @@ where
     let extinction = medium.extinction.rgb;
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {
-            let tracker = Woodcock::<false>::new(field, grid, extinction, scores);
+            let tracker = Woodcock::<false>::new(plan, grid);
             batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
         (Tracker::Analytic, _) => {
@@ -189,7 +189,7 @@ fn shoot_chromatic(
     let extinction = medium.extinction.rgb;
     match &plan.majorant {
         Some(grid) => {
-            let tracker = Woodcock::<true>::new(field, grid, extinction, scores);
+            let tracker = Woodcock::<true>::new(plan, grid);
             batches::<3, _>(plan, tracker, emitters, views, occupancy, control, shot)
         }
         None => {
@@ -217,9 +217,11 @@ fn batches<const C: usize, T: track::Tracker<C>>(
     shot: &mut Shot,
 ) -> Result<()> {
     let values = plan.scene.medium.volume.voxels() * C;
-    let bins: Vec<Bins> = plan.layers.iter().map(|_| Bins::new(values)).collect();
+    let sets = cost::bin_sets(plan);
+    let bins: Vec<Vec<Bins>> =
+        plan.layers.iter().map(|_| (0..sets).map(|_| Bins::new(values, sets == 1)).collect()).collect();
     let unit = bin_unit(plan);
-    let walk = Walk { plan, tracker, emitters, bins: &bins, unit: unit as f32 };
+    let walk = Walk { plan, tracker, emitters, bins: &bins, sets, unit: unit as f32 };
     let power: f64 = emitters.iter().map(|e| e.0.power).sum();
     let round = plan.subvolumes.max(8) as u64;
     let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
@@ -255,7 +257,7 @@ fn batches<const C: usize, T: track::Tracker<C>>(
 }
 
 /// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
-fn fold(plan: &Plan, bins: &[Bins], scale: f64, shot: &mut Shot) {
+fn fold(plan: &Plan, bins: &[Vec<Bins>], scale: f64, shot: &mut Shot) {
     if bins.is_empty() {
         return;
     }
@@ -280,14 +282,15 @@ fn fold(plan: &Plan, bins: &[Bins], scale: f64, shot: &mut Shot) {
     let mut fluence: Vec<_> = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
     let mut source: Vec<_> = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
     let mut source0: Vec<_> = pad(shot.source0.chunks_mut(BLOCK), blocks);
-    let mut subvolumes: Vec<_> = pad(shot.subvolumes.chunks_mut(BLOCK * replicates.max(1)), blocks);
+    let subvolume: &mut [f32] = if replicates > 0 { &mut shot.subvolumes[replicate] } else { &mut [] };
+    let mut subvolumes: Vec<_> = pad(subvolume.chunks_mut(BLOCK), blocks);
     fluence
         .par_iter_mut()
         .zip(source.par_iter_mut())
         .zip(source0.par_iter_mut())
         .zip(subvolumes.par_iter_mut())
         .enumerate()
-        .for_each(|(block, (((fluence, source), source0), subvolumes))| {
+        .for_each(|(block, (((fluence, source), source0), subvolume))| {
             for at in 0..BLOCK.min(values - block * BLOCK) {
                 let index = block * BLOCK + at;
                 let (all, j0, j) = if isotropic {
@@ -306,8 +309,8 @@ fn fold(plan: &Plan, bins: &[Bins], scale: f64, shot: &mut Shot) {
                 if let Some(sum) = source0 {
                     sum[at] += j0;
                 }
-                if let Some(sums) = subvolumes {
-                    sums[at * replicates + replicate] += j as f32;
+                if let Some(sums) = subvolume {
+                    sums[at] += j as f32;
                 }
             }
         });

@@ -128,21 +128,28 @@ impl Shot {
     }
 }
 
-/// The replicates as means over their batches; `None` if there are fewer than two.
+/// The replicates as means over their batches, the replicate fastest; `None` if there are fewer than two.
 fn replicates(shot: &mut Shot) -> (Option<Vec<f32>>, usize) {
-    let all = shot.subvolume_batches.len();
+    // Stopped within the first round, a run has those replicates that got a batch, which are the first.
     let used = shot.subvolume_batches.iter().filter(|&&b| b > 0).count();
-    if all == 0 || used < 2 {
+    if used < 2 {
         return (None, 0);
     }
-    let scales: Vec<f32> = shot.subvolume_batches.iter().map(|&b| if b > 0 { 1.0 / b as f32 } else { 0.0 }).collect();
-    let mut sums = std::mem::take(&mut shot.subvolumes);
-    sums.par_chunks_mut(all).for_each(|list| list.iter_mut().zip(&scales).for_each(|(x, s)| *x *= s));
-    if used < all {
-        // Stopped within the first round: the replicates that got a batch, which are the first.
-        sums = sums.chunks(all).flat_map(|list| list[..used].iter().copied()).collect();
-    }
-    (Some(sums), used)
+    let means = interleaved(&shot.subvolumes[..used], &shot.subvolume_batches[..used]);
+    shot.subvolumes = Vec::new();
+    (Some(means), used)
+}
+
+/// Sums of batches as means, side by side.
+fn interleaved(sums: &[Vec<f32>], batches: &[u64]) -> Vec<f32> {
+    let k = sums.len();
+    let mut means = vec![0.0f32; k * sums[0].len()];
+    means.par_chunks_mut(k).enumerate().for_each(|(at, list)| {
+        for (r, mean) in list.iter_mut().enumerate() {
+            *mean = sums[r][at] / batches[r].max(1) as f32;
+        }
+    });
+    means
 }
 
 /// The unscattered light in the voxels.
@@ -380,8 +387,7 @@ pub(super) fn relative_error(
     let pixels = pixel_sample(camera.resolution);
     let lights: Vec<Illumination> = views.iter().flatten().cloned().collect();
     let k = plan.subvolumes;
-    let scales: Vec<f32> = shot.subvolume_batches.iter().map(|&b| 1.0 / b.max(1) as f32).collect();
-    let means: Vec<f32> = shot.subvolumes.par_iter().enumerate().map(|(at, x)| x * scales[at % k]).collect();
+    let means = interleaved(&shot.subvolumes, &shot.subvolume_batches);
     let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
     let picture = image(&volumes, camera, Some(&pixels), channels * k, &stop);

@@ -68,8 +68,10 @@ pub struct Walk<'a, T> {
     pub tracker: T,
     /// Emitters, each with its light.
     pub emitters: &'a [(Emitter<'a>, Light)],
-    /// One set of bins per tally layer.
-    pub bins: &'a [Bins],
+    /// The bins of each tally layer: one set per thread, or one for all.
+    pub bins: &'a [Vec<Bins>],
+    /// Sets of bins in each layer.
+    pub sets: usize,
     /// Bin units per weight * length.
     pub unit: f32,
 }
@@ -162,6 +164,7 @@ impl<T> Walk<'_, T> {
         };
         let mut scorer = Scores {
             bins: self.bins,
+            set: rayon::current_thread_index().unwrap_or(0) % self.sets,
             unit: self.unit,
             route: (None, None),
             phase,
@@ -301,7 +304,8 @@ impl LocalEye {
 
 /// Scores a flight into the layers that its order goes to.
 struct Scores<'a> {
-    bins: &'a [Bins],
+    bins: &'a [Vec<Bins>],
+    set: usize,
     unit: f32,
     route: Route,
     phase: &'a Phase,
@@ -315,7 +319,7 @@ impl<const C: usize> Scorer<C> for Scores<'_> {
     fn score(&mut self, index: usize, p: V3, value: [f32; C], xi: f32) {
         if let Some(layer) = self.route.0 {
             for c in 0..C {
-                self.bins[layer].add(index * C + c, value[c] * self.unit, xi);
+                self.bins[layer][self.set].add(index * C + c, value[c] * self.unit, xi);
             }
         }
         if let Some(layer) = self.route.1 {
@@ -323,7 +327,7 @@ impl<const C: usize> Scorer<C> for Scores<'_> {
             let cos_theta = (0..3).map(|a| to_eye[a] * self.direction[a]).sum::<f32>().clamp(-1.0, 1.0);
             let seen = self.phase.pdf(cos_theta) * self.unit;
             for c in 0..C {
-                self.bins[layer].add(index * C + c, value[c] * seen, xi);
+                self.bins[layer][self.set].add(index * C + c, value[c] * seen, xi);
             }
         }
     }

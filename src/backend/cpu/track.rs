@@ -3,7 +3,8 @@
 use crate::scene::field::{Dda, Field, V3, along, leave, local};
 use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, exponential, uniform};
-use crate::plan::{MajorantGrid, Score};
+use crate::plan::{MajorantGrid, Plan, Score};
+use crate::scene::block_maxima;
 
 /// The weights of a photon in `C` channels. With unequal extinctions, one channel (the hero) decides the flight, and the
 /// balance heuristic over the three that might have decided keeps every channel unbiased with bounded weights
@@ -115,13 +116,25 @@ pub struct Woodcock<'a, const CHROMATIC: bool> {
     pub extinction: f32,
     /// Extinction of each channel over the largest.
     pub ratio: [f32; 3],
-    /// Whether voxels are scored.
+    /// Whether voxels are scored at all, and for each empty cell whether its voxels are.
     pub scores: bool,
+    /// See `scores`.
+    pub scored: Vec<bool>,
 }
 
 impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
     /// From the plan's grid.
-    pub fn new(field: Field<'a>, grid: &MajorantGrid, extinction: [f64; 3], scores: bool) -> Self {
+    pub fn new(plan: &Plan<'a>, grid: &MajorantGrid) -> Self {
+        let medium = &plan.scene.medium;
+        let field = Field::density(&medium.volume);
+        let extinction = medium.extinction.rgb;
+        let scores = !plan.layers.is_empty();
+        // Without voxel outputs only what the gather interpolates matters: voxels next to some density.
+        let scored = if plan.settings.fluence || plan.settings.radiance {
+            vec![scores; grid.density.len()]
+        } else {
+            block_maxima(&medium.volume, grid.block, 2).iter().map(|&d| scores && d > 0.0).collect()
+        };
         let top = extinction.iter().fold(0.0f64, |m, &e| m.max(e));
         let majorant = grid.density.iter().map(|&d| (f64::from(d) * top * (1.0 + 1e-6)) as f32).collect();
         Woodcock {
@@ -132,6 +145,7 @@ impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
             extinction: top as f32,
             ratio: extinction.map(|e| if top > 0.0 { (e / top) as f32 } else { 0.0 }),
             scores,
+            scored,
         }
     }
 }
@@ -148,7 +162,8 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
         let mut t = 0.0f32;
         loop {
             let c = cells.cell;
-            let majorant = self.majorant[((c[2] * self.cells[1] + c[1]) * self.cells[0] + c[0]) as usize];
+            let cell = ((c[2] * self.cells[1] + c[1]) * self.cells[0] + c[0]) as usize;
+            let majorant = self.majorant[cell];
             let (axis, exit) = cells.exit();
             let exit = exit.min(end);
             if majorant > 0.0 {
@@ -185,7 +200,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                     words = draws.next4();
                     free = exponential(words[0], draws);
                 }
-            } else if self.scores && exit > t {
+            } else if self.scored[cell] && exit > t {
                 score_track(self.field.n(), p, v, (t, exit), w.get(), words[3], scorer);
             }
             t = t.max(exit);
