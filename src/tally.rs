@@ -64,50 +64,40 @@ impl Bins {
         }
     }
 
-    /// The carries since the last call, summed and sorted by bin.
-    fn take_carries(&self) -> Vec<(usize, u64)> {
-        let mut list = self.carries.lock().map(|mut c| std::mem::take(&mut *c)).unwrap_or_default();
-        list.sort_unstable_by_key(|c| c.0);
-        let mut sums: Vec<(usize, u64)> = Vec::new();
-        for (index, count) in list {
-            match sums.last_mut() {
-                Some(last) if last.0 == index => last.1 += u64::from(count),
-                _ => sums.push((index, u64::from(count))),
+    /// Ends a batch: blocks of the bins to be [`Block::drain`]ed, `size` each.
+    pub fn blocks(&mut self, size: usize) -> Vec<Block<'_>> {
+        let mut carries = self.carries.get_mut().map(std::mem::take).unwrap_or_default();
+        carries.sort_unstable_by_key(|c| c.0);
+        let mut blocks = Vec::with_capacity(self.words.len().div_ceil(size));
+        let mut rest = carries.into_iter().peekable();
+        for (at, words) in self.words.chunks_mut(size).enumerate() {
+            let first = at * size;
+            let mut mine = Vec::new();
+            while let Some((index, count)) = rest.next_if(|c| c.0 < first + words.len()) {
+                mine.push((index - first, count));
             }
+            blocks.push(Block { words, carries: mine });
         }
-        sums
+        blocks
     }
 }
 
-/// A batch that is over: reads each bin once and leaves it empty.
-pub struct Drain<'a> {
-    bins: &'a [Vec<Bins>],
-    carries: Vec<Vec<Vec<(usize, u64)>>>,
+/// A part of the bins whose batch is over.
+#[derive(Debug)]
+pub struct Block<'a> {
+    words: &'a mut [AtomicU32],
+    carries: Vec<(usize, u32)>,
 }
 
-impl<'a> Drain<'a> {
-    /// Ends the batch of these layers, each of one or several sets of bins.
-    pub fn new(bins: &'a [Vec<Bins>]) -> Self {
-        let carries = bins.iter().map(|sets| sets.iter().map(Bins::take_carries).collect()).collect();
-        Drain { bins, carries }
-    }
-
-    /// The sum in a bin of a layer, in units.
-    #[inline(always)]
-    pub fn take(&self, layer: usize, index: usize) -> f64 {
-        let mut sum = 0u64;
-        for (set, carries) in self.bins[layer].iter().zip(&self.carries[layer]) {
-            // Nobody else adds by now: a load and a store are cheaper than a locked exchange.
-            let word = &set.words[index];
-            sum += u64::from(word.load(Relaxed));
-            word.store(0, Relaxed);
-            if !carries.is_empty()
-                && let Ok(at) = carries.binary_search_by_key(&index, |c| c.0)
-            {
-                sum += carries[at].1 << 32;
-            }
+impl Block<'_> {
+    /// Adds the bins' units to `sums` and leaves them empty.
+    pub fn drain(&mut self, sums: &mut [f64]) {
+        for (sum, word) in sums.iter_mut().zip(self.words.iter_mut()) {
+            *sum += f64::from(std::mem::take(word.get_mut()));
         }
-        sum as f64
+        for (index, count) in self.carries.drain(..) {
+            sums[index] += f64::from(count) * 4_294_967_296.0;
+        }
     }
 }
 
@@ -126,15 +116,14 @@ impl Moments {
         Moments { mean: vec![0.0; len], m2: vec![0.0; len] }
     }
 
-    /// Takes in batch number `count` (from 1) of one quantity.
-    #[inline(always)]
-    pub fn update(mean: &mut f64, m2: &mut f32, count: u64, x: f64) {
-        if x == 0.0 && *mean == 0.0 {
-            return; // most voxels of a sparse scene
+    /// Takes in batch number `count` (from 1) of some quantities.
+    pub fn update(mean: &mut [f64], m2: &mut [f32], count: u64, values: &[f64]) {
+        let share = 1.0 / count as f64;
+        for ((mean, m2), x) in mean.iter_mut().zip(m2).zip(values) {
+            let before = x - *mean;
+            *mean += before * share;
+            *m2 += (before * (x - *mean)) as f32;
         }
-        let before = x - *mean;
-        *mean += before / count as f64;
-        *m2 = (f64::from(*m2) + before * (x - *mean)) as f32;
     }
 
     /// Standard error of the mean of one quantity after `count` batches; infinite where one batch tells nothing.
@@ -149,38 +138,51 @@ mod tests {
 
     #[test]
     fn bins_carry_beyond_32_bits() {
-        let bins = [vec![Bins::new(3, true), Bins::new(3, false)]];
+        let mut sets = [Bins::new(3, true), Bins::new(3, false)];
         for _ in 0..5 {
-            bins[0][0].add(1, 2_000_000_000.0, 0.0);
-            bins[0][1].add(1, 2_000_000_000.0, 0.0);
+            sets[0].add(1, 2_000_000_000.0, 0.0);
+            sets[1].add(1, 2_000_000_000.0, 0.0);
         }
-        bins[0][0].add(1, 3.0e10, 0.0);
-        bins[0][1].add(2, 7.0, 0.5);
-        let drain = Drain::new(&bins);
-        assert_eq!(drain.take(0, 0), 0.0);
-        let expected = 10.0 * 2_000_000_000.0 + f64::from(3.0e10f32);
-        assert_eq!(drain.take(0, 1), expected);
-        assert_eq!(drain.take(0, 2), 7.0);
+        sets[0].add(1, 3.0e10, 0.0);
+        sets[1].add(2, 7.0, 0.5);
+        for _ in 0..2 {
+            // The second time they are empty.
+            let mut sums = [0.0; 3];
+            for bins in &mut sets {
+                for (at, block) in bins.blocks(2).iter_mut().enumerate() {
+                    block.drain(&mut sums[2 * at..]);
+                }
+            }
+            let expected = [0.0, 10.0 * 2_000_000_000.0 + f64::from(3.0e10f32), 7.0];
+            assert!(sums == expected || sums == [0.0; 3], "{sums:?}");
+            sets[0].add(0, 0.0, 0.0);
+        }
+        let mut again = [0.0; 3];
+        sets[0].blocks(3)[0].drain(&mut again);
+        assert_eq!(again, [0.0; 3]);
     }
 
     #[test]
     fn stochastic_rounding_keeps_the_mean_of_tiny_deposits() {
-        let bins = [vec![Bins::new(1, false)]];
+        let mut bins = Bins::new(1, false);
         let n = 100_000;
         for i in 0..n as u32 {
-            bins[0][0].add(0, 0.01, (i.wrapping_mul(2_654_435_769) >> 8) as f32 / 16_777_216.0);
+            bins.add(0, 0.01, (i.wrapping_mul(2_654_435_769) >> 8) as f32 / 16_777_216.0);
         }
-        let got = Drain::new(&bins).take(0, 0);
+        let mut sum = [0.0];
+        bins.blocks(1)[0].drain(&mut sum);
+        let got = sum[0];
         assert!((got / (0.01 * f64::from(n)) - 1.0).abs() < 0.05, "{got}");
     }
 
     #[test]
     fn welford_agrees_with_the_textbook() {
-        let (mut mean, mut m2) = (0.0, 0.0f32);
+        let (mut mean, mut m2) = ([0.0], [0.0f32]);
         let data = [1.0, 4.0, 2.0, 8.0, 5.0];
         for (i, &x) in data.iter().enumerate() {
-            Moments::update(&mut mean, &mut m2, i as u64 + 1, x);
+            Moments::update(&mut mean, &mut m2, i as u64 + 1, &[x]);
         }
+        let ([mean], [m2]) = (mean, m2);
         let variance = data.iter().map(|x| (x - 4.0) * (x - 4.0)).sum::<f64>() / 4.0;
         assert!((mean - 4.0).abs() < 1e-12);
         assert!((f64::from(Moments::error(m2, 5)) - (variance / 5.0).sqrt()).abs() < 1e-6);

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::plan::{Column, Layer, Plan, Tracker, cost};
 use crate::result::{Outcome, Stopped};
 use crate::scene::{Light, Scene};
-use crate::tally::{Bins, Drain, Moments, REFERENCE_UNITS};
+use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use emit::Emitter;
 use crate::scene::field::{Field, Occupancy};
 use light::Illumination;
@@ -218,10 +218,10 @@ fn batches<const C: usize, T: track::Tracker<C>>(
 ) -> Result<()> {
     let values = plan.scene.medium.volume.voxels() * C;
     let sets = cost::bin_sets(plan);
-    let bins: Vec<Vec<Bins>> =
+    let mut bins: Vec<Vec<Bins>> =
         plan.layers.iter().map(|_| (0..sets).map(|_| Bins::new(values, sets == 1)).collect()).collect();
     let unit = bin_unit(plan);
-    let walk = Walk { plan, tracker, emitters, bins: &bins, sets, unit: unit as f32 };
+    let mut walk = Walk { plan, tracker, emitters, bins: Vec::new(), sets, unit: unit as f32 };
     let power: f64 = emitters.iter().map(|e| e.0.power).sum();
     let round = plan.subvolumes.max(8) as u64;
     let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
@@ -229,13 +229,16 @@ fn batches<const C: usize, T: track::Tracker<C>>(
         while shot.batches < goal {
             let photons = plan.photons_of(shot.batches);
             // Two batches make an error bar: until then the clock does not cut a batch short.
-            let Some(energies) = walk.batch::<C>(shot.photons, photons, control, shot.batches >= 2) else {
+            walk.bins = std::mem::take(&mut bins);
+            let finished = walk.batch::<C>(shot.photons, photons, control, shot.batches >= 2);
+            bins = std::mem::take(&mut walk.bins);
+            let Some(energies) = finished else {
                 shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
                 return if control.stopped() { Err(Error::Interrupted) } else { Ok(()) };
             };
             shot.batches += 1;
             shot.photons += photons;
-            fold(plan, &bins, power / photons as f64 / unit, shot);
+            fold(plan, &mut bins, power / photons as f64 / unit, shot);
             shot.energies.push((energies, power / photons as f64, photons));
             let part = if goal == u64::MAX { 0.0 } else { shot.batches as f64 / goal as f64 };
             control.report(part.max(control.time_fraction()), shot.photons);
@@ -257,61 +260,70 @@ fn batches<const C: usize, T: track::Tracker<C>>(
 }
 
 /// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
-fn fold(plan: &Plan, bins: &[Vec<Bins>], scale: f64, shot: &mut Shot) {
+fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
+    const BLOCK: usize = 1 << 12;
     if bins.is_empty() {
         return;
     }
     let scale = scale / plan.scene.medium.volume.voxel_volume();
-    let place = |layer: Layer| plan.layers.iter().position(|l| *l == layer);
     let isotropic = plan.scene.medium.phase.is_isotropic();
     let per_sphere = 0.25 * std::f64::consts::FRAC_1_PI;
-    let drain = Drain::new(bins);
     let count = shot.batches;
     let replicates = plan.subvolumes;
     let replicate = if replicates > 0 { ((count - 1) % replicates as u64) as usize } else { 0 };
     if replicates > 0 {
         shot.subvolume_batches[replicate] += 1;
     }
-    let (unscattered, inner, last) = (place(Layer::Unscattered), place(Layer::Inner), place(Layer::Last));
-    let (eye0, eye) = (place(Layer::EyeUnscattered), place(Layer::Eye));
-    let take = |layer: Option<usize>, at: usize| layer.map_or(0.0, |l| drain.take(l, at) * scale);
+    let subvolume: &mut [f32] = if replicates > 0 { &mut shot.subvolumes[replicate] } else { &mut [] };
     let values = plan.scene.medium.volume.voxels() * plan.channels;
-    const BLOCK: usize = 1 << 13;
     // Quantities that this plan does not keep have no values: their blocks are empty.
     let blocks = values.div_ceil(BLOCK);
-    let mut fluence: Vec<_> = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
-    let mut source: Vec<_> = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
-    let mut source0: Vec<_> = pad(shot.source0.chunks_mut(BLOCK), blocks);
-    let subvolume: &mut [f32] = if replicates > 0 { &mut shot.subvolumes[replicate] } else { &mut [] };
-    let mut subvolumes: Vec<_> = pad(subvolume.chunks_mut(BLOCK), blocks);
-    fluence
-        .par_iter_mut()
-        .zip(source.par_iter_mut())
-        .zip(source0.par_iter_mut())
-        .zip(subvolumes.par_iter_mut())
+    let mut drains: Vec<Vec<(Layer, Block)>> = (0..blocks).map(|_| Vec::new()).collect();
+    for (layer, sets) in plan.layers.iter().zip(bins) {
+        for set in sets {
+            drains.iter_mut().zip(set.blocks(BLOCK)).for_each(|(list, block)| list.push((*layer, block)));
+        }
+    }
+    let fluence = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
+    let source = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
+    let source0 = pad(shot.source0.chunks_mut(BLOCK), blocks);
+    let subvolume = pad(subvolume.chunks_mut(BLOCK), blocks);
+    drains
+        .into_par_iter()
+        .zip(fluence)
+        .zip(source)
+        .zip(source0)
+        .zip(subvolume)
         .enumerate()
-        .for_each(|(block, (((fluence, source), source0), subvolume))| {
-            for at in 0..BLOCK.min(values - block * BLOCK) {
-                let index = block * BLOCK + at;
-                let (all, j0, j) = if isotropic {
-                    let (zero, some, rest) = (take(unscattered, index), take(inner, index), take(last, index));
-                    (zero + some + rest, zero * per_sphere, (zero + some) * per_sphere)
-                } else {
-                    let zero = take(eye0, index);
-                    (take(inner, index), zero, zero + take(eye, index))
+        .for_each(|(at, ((((drains, fluence), source), source0), subvolume))| {
+            let len = BLOCK.min(values - at * BLOCK);
+            // Fluence, J of incident order 0, and J of all orders that images see.
+            let mut sums = [vec![0.0f64; len], vec![0.0f64; len], vec![0.0f64; len]];
+            for (layer, mut block) in drains {
+                let mut units = vec![0.0f64; len];
+                block.drain(&mut units);
+                let goes: &[(usize, f64)] = match layer {
+                    Layer::Unscattered => &[(0, 1.0), (1, per_sphere), (2, per_sphere)],
+                    Layer::Inner if isotropic => &[(0, 1.0), (2, per_sphere)],
+                    Layer::Inner | Layer::Last => &[(0, 1.0)],
+                    Layer::EyeUnscattered => &[(1, 1.0), (2, 1.0)],
+                    Layer::Eye => &[(2, 1.0)],
                 };
-                if let Some((mean, m2)) = fluence {
-                    Moments::update(&mut mean[at], &mut m2[at], count, all);
+                for &(to, factor) in goes {
+                    sums[to].iter_mut().zip(&units).for_each(|(sum, x)| *sum += x * (factor * scale));
                 }
-                if let Some((mean, m2)) = source {
-                    Moments::update(&mut mean[at], &mut m2[at], count, j);
-                }
-                if let Some(sum) = source0 {
-                    sum[at] += j0;
-                }
-                if let Some(sums) = subvolume {
-                    sums[at] += j as f32;
-                }
+            }
+            if let Some((mean, m2)) = fluence {
+                Moments::update(mean, m2, count, &sums[0]);
+            }
+            if let Some((mean, m2)) = source {
+                Moments::update(mean, m2, count, &sums[2]);
+            }
+            if let Some(sum) = source0 {
+                sum.iter_mut().zip(&sums[1]).for_each(|(sum, x)| *sum += x);
+            }
+            if let Some(sum) = subvolume {
+                sum.iter_mut().zip(&sums[2]).for_each(|(sum, x)| *sum += *x as f32);
             }
         });
 }

@@ -69,7 +69,7 @@ pub struct Walk<'a, T> {
     /// Emitters, each with its light.
     pub emitters: &'a [(Emitter<'a>, Light)],
     /// The bins of each tally layer: one set per thread, or one for all.
-    pub bins: &'a [Vec<Bins>],
+    pub bins: Vec<Vec<Bins>>,
     /// Sets of bins in each layer.
     pub sets: usize,
     /// Bin units per weight * length.
@@ -163,7 +163,7 @@ impl<T> Walk<'_, T> {
             }
         };
         let mut scorer = Scores {
-            bins: self.bins,
+            bins: &self.bins,
             set: rayon::current_thread_index().unwrap_or(0) % self.sets,
             unit: self.unit,
             route: (None, None),
