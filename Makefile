@@ -40,7 +40,7 @@ test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/.package
-	$(BIN)/python benchmarks/bench.py
+	$(BIN)/python tests/bench/bench.py
 
 validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
 	$(BIN)/python -m pytest -m validation -rA

@@ -151,7 +151,7 @@ def test_angle_resolved_radiance_matches_adding_doubling(side, i):
 @pytest.mark.parametrize("side", ["R", "T"])
 def test_voxel_size_bias_of_the_radiance_falls_with_the_layers(side):
     def rms(layers):
-        values = [radiance(side, mu, layers, 2e5, seed=16)[0] for mu in MU[:2]]
+        values = [radiance(side, mu, layers, 2e6, seed=16)[0] for mu in MU[:2]]
         return np.sqrt(np.mean((values / INTENSITY[side][:2] - 1) ** 2))
 
     coarse, fine = rms(4), rms(32)

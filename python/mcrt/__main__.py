@@ -2,7 +2,10 @@
 
 import argparse
 import sys
+import time
 from pathlib import Path
+
+import numpy as np
 
 import mcrt
 
@@ -29,17 +32,42 @@ def main() -> int:
 
 def demo(folder: Path, seed: int) -> None:
     """Multiple scattering of a point light in the MRI head: two views from the same photons."""
-    head = mcrt.Medium(mcrt.datasets.mni_head(), extinction=0.5, albedo=0.97)
-    light = mcrt.PointLight((320.0, 420.0, 330.0), intensity=1e5)
-    front = mcrt.PerspectiveCamera((480.0, 420.0, 260.0), (98.0, 110.0, 88.0), fov=28.0)
-    side = mcrt.PerspectiveCamera((-120.0, 620.0, 200.0), (98.0, 110.0, 88.0), fov=28.0)
-    result = mcrt.simulate(head, light=light, camera=front, seed=seed)
+    start = time.perf_counter()
+    light = mcrt.PointLight((300.0, 50.0, 370.0), intensity=1e5)
+    target = (98.0, 119.0, 76.0)
+    views = {
+        "side": mcrt.PerspectiveCamera((420.0, 362.0, 190.0), target, fov=25.0),
+        "front": mcrt.PerspectiveCamera((230.0, 470.0, 300.0), target, fov=25.0),
+    }
+    head = tissue()
+    result = mcrt.simulate(
+        head, light=light, camera=views["side"], photons=2e6, outputs=["image"], seed=seed
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    for name, camera in {"front": front, "side": side}.items():
+    for name, camera in views.items():
         path = folder / f"head_{name}.png"
         result.save_png(path, camera)
         print(f"wrote {path}")
     print(result.plan, result, sep="\n\n")
+    print(f"\n{time.perf_counter() - start:.1f} s in all")
+
+
+def tissue() -> mcrt.Medium:
+    """The MRI head as a pink, translucent medium in millimetres; what holds no brain is cut off.
+
+    A smooth ramp from the grey value of the fluid between the folds to that of white matter is
+    the density, so that the fluid is clear.
+    """
+    t = np.clip((mcrt.datasets.mni_head() - 0.45) / 0.4, 0.0, 1.0)
+    density = t * t * (3.0 - 2.0 * t)
+    filled = [np.flatnonzero(density.any(axis=others)) for others in ((1, 2), (0, 2), (0, 1))]
+    z, y, x = (slice(int(i[0]), int(i[-1]) + 1) for i in filled)
+    return mcrt.Medium(
+        density[z, y, x],
+        origin=(x.start, y.start, z.start),
+        extinction=0.13,
+        albedo=(0.985, 0.87, 0.75),
+    )
 
 
 if __name__ == "__main__":

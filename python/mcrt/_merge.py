@@ -56,8 +56,16 @@ def _check(a: "Result", b: "Result") -> None:
         if a._settings[name] != b._settings[name]:
             given = f"{a._settings[name]!r} and {b._settings[name]!r}"
             raise SceneError(f"results of different {name} cannot be merged: {given}")
-    if a.plan.method != b.plan.method or set(a._data) != set(b._data):
-        raise SceneError("results of different plans cannot be merged: give both a method")
+    if a.plan.method != b.plan.method:
+        given = f'"{a.plan.method}" and "{b.plan.method}"'
+        raise SceneError(f"results of different methods cannot be merged: {given}")
+    for name in (*MEANS, *ERRORS):
+        shapes = [np.shape(result._data.get(name)) for result in (a, b)]
+        if shapes[0] != shapes[1]:
+            raise SceneError(
+                f"results of different {name} cannot be merged (arrays of shape {shapes[0]} and "
+                f"{shapes[1]}): one of them has too few photons"
+            )
     both = set(a._seeds) & set(b._seeds)
     if both:
         raise SceneError(f"results of the same seed cannot be merged: both have {min(both)}")

@@ -1,6 +1,7 @@
 """Dictionaries whose entries are attributes too: the plan, the energy balance, the statistics."""
 
 import html
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -69,10 +70,13 @@ class Plan(Record):
 
     def __str__(self) -> str:
         rows = self.rows()
-        first, second = (max(len(row[i]) for row in rows) for i in (0, 1))
-        head = f"mcrt plan: {self.method} on {self.backend}, tracker {self.tracker}"
-        lines = [f"  {a:<{first}}  {b:<{second}}  {c}".rstrip() for a, b, c in rows]
-        return "\n".join([head, *lines])
+        width = max(len(name) for name, _, _ in rows)
+        lines = [f"mcrt plan: {self.method} on {self.backend}, tracker {self.tracker}"]
+        for name, choice, reason in rows:
+            text = f"{choice} -- {reason}" if reason else choice
+            head, indent = f"  {name:<{width}}  ", " " * (width + 4)
+            lines += textwrap.wrap(text, 100, initial_indent=head, subsequent_indent=indent)
+        return "\n".join(lines)
 
     __repr__ = __str__
 

@@ -36,10 +36,14 @@ class Result:
 
     Notes
     -----
-    Standard errors come from independent batches of photons. Those of an image come from K
-    sub-volumes, so that (image - truth) / error follows Student's t with
-    `stats.degrees_of_freedom`; pixels share photons, hence their errors are correlated. The
-    methods `single` and deterministic parts (order 0 and 1 of points and directions) have none.
+    Standard errors of voxels come from the scatter of B independent batches of photons:
+    (value - truth) / error follows Student's t with B - 1 = `stats.degrees_of_freedom`. Those of
+    an image come from K sub-volumes, each of its own photons: Student's t with
+    K - 1 = `stats.degrees_of_freedom_pixel`. Pixels (and neighbouring voxels) share photons, hence
+    their errors are correlated: the error of a mean over pixels does not fall as one over the
+    square root of their number. What is found without photons (orders 0 and 1 of points,
+    directions and beams) has no standard error; a run without photons has zeros, and a single
+    batch leaves the errors unknown: infinite.
     """
 
     def __init__(
@@ -124,7 +128,7 @@ class Result:
     def image_error(self, camera: Camera | None = None) -> np.ndarray:
         """Standard error of `image(camera)` [W/(sr length^2)]; see the notes of the class."""
         self._need_errors()
-        return self._found(self._gather(camera, replicates=True), "error").copy()
+        return self._gather(camera, replicates=True)["error"].copy()
 
     def alpha(self, camera: Camera | None = None) -> np.ndarray:
         """Opacity of each pixel, 1 - transmittance: 0 where the background is seen unweakened."""
@@ -154,8 +158,10 @@ class Result:
     def _relative_errors(self) -> tuple[float | None, float | None, float | None]:
         """Median, 95 % quantile and RMS of the relative errors."""
         outputs = self._settings["outputs"]
-        if not self._settings["errors"] or self.plan.method == "single":
+        if not self._settings["errors"]:
             return None, None, None
+        if not self._data["stats"]["photons"]:
+            return 0.0, 0.0, 0.0
         if "image" in outputs and not (self._settings["over_voxels"] and "fluence" in outputs):
             return relative_errors(self.image(), self.image_error(), self.plan.channels)
         name = "fluence" if "fluence" in outputs else "radiance"
@@ -175,6 +181,10 @@ class Result:
             return NotImplemented
         data = merge(self, other)
         return Result(self._scene, self._settings, data, self._seeds + other._seeds)
+
+    def __radd__(self, other: object) -> "Result":
+        """`sum(results)` merges them: it starts at 0."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write everything to a NumPy archive (npz), the scene included; `load` reads it."""
@@ -291,6 +301,9 @@ class Result:
         layers = self._layers.get(spec)
         if layers is None or (replicates and "error" not in layers):
             layers = _mcrt.gather(self._scene, self._volumes(), spec, replicates)
+            if replicates and "error" not in layers:  # no photons, or a single batch of them
+                unknown = np.inf if self._data["stats"]["photons"] else 0.0
+                layers["error"] = np.full_like(layers["order1"], unknown)
             self._layers.pop(spec, None)
             if len(self._layers) >= CACHED_CAMERAS:
                 del self._layers[next(iter(self._layers))]
@@ -323,6 +336,8 @@ def relative_errors(
         bright = v > 0.05 * v.max()
         if bright.any():
             v, e = v[bright].astype(np.float64), e[bright].astype(np.float64)
+            if not np.isfinite(e).all():
+                return np.inf, np.inf, np.inf
             median, upper = np.quantile(e / v, (0.5, 0.95))
             worst = np.maximum(worst, (median, upper, np.sqrt(np.mean(e**2)) / np.mean(v)))
     return float(worst[0]), float(worst[1]), float(worst[2])

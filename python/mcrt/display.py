@@ -22,15 +22,15 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 def tone_map(image: np.ndarray, exposure: float | None = None) -> np.ndarray:
     """Radiance as 8-bit sRGB: exposure, a soft shoulder for the highlights, the sRGB curve.
 
-    The luminance Y = exposure * L becomes Y (1 + Y / 16) / (1 + Y) (Reinhard et al. 2002,
-    equation 4, white at Y = 4); colours keep their ratios.
+    The luminance Y = exposure * L becomes Y (1 + Y / 2.25) / (1 + Y) (Reinhard et al. 2002,
+    equation 4, white at Y = 1.5); colours keep their ratios.
 
     Parameters
     ----------
     image : array (height, width) or (height, width, 3)
         Radiance, not negative.
     exposure : float, optional
-        None brings the 98 % quantile of what is lit to Y = 2.
+        None brings the 98 % quantile of what is lit to Y = 0.8.
 
     Returns
     -------
@@ -39,9 +39,9 @@ def tone_map(image: np.ndarray, exposure: float | None = None) -> np.ndarray:
     luminance = image @ LUMINANCE if image.ndim == 3 else image
     if exposure is None:
         lit = luminance[luminance > 1e-3 * luminance.max(initial=0.0)]
-        exposure = 2.0 / float(np.quantile(lit, 0.98)) if lit.size else 1.0
+        exposure = 0.8 / float(np.quantile(lit, 0.98)) if lit.size else 1.0
     y = np.maximum(exposure * luminance, 0.0)
-    scale = exposure * (1.0 + y / 16.0) / (1.0 + y)
+    scale = exposure * (1.0 + y / 2.25) / (1.0 + y)
     linear = np.clip(image * (scale[..., np.newaxis] if image.ndim == 3 else scale), 0.0, 1.0)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.rint(255.0 * srgb).astype(np.uint8)
@@ -50,8 +50,10 @@ def tone_map(image: np.ndarray, exposure: float | None = None) -> np.ndarray:
 def encode_png(pixels: np.ndarray) -> bytes:
     """An 8-bit array (height, width) or (height, width, 3) as a PNG file."""
     height, width = pixels.shape[:2]
-    rows = np.zeros((height, 1 + pixels[0].size), dtype=np.uint8)  # each row: filter 0, pixels
-    rows[:, 1:] = pixels.reshape(height, -1)
+    lines = pixels.reshape(height, -1)
+    rows = np.full((height, 1 + lines.shape[1]), 2, dtype=np.uint8)  # filter 2: less the row above
+    rows[0, 1:] = lines[0]
+    np.subtract(lines[1:], lines[:-1], out=rows[1:, 1:])
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return (
@@ -76,11 +78,12 @@ def summary(result: "Result") -> list[tuple[str, str]]:
     stages = ", ".join(f"{stage} {seconds:.2g} s" for stage, seconds in stats.seconds.items())
     rows = [
         ("ran", f"{plan.method} on {plan.backend}, tracker {plan.tracker}, {_orders(result)}"),
-        ("took", f"{sum(stats.seconds.values()):.2g} s ({stages}), stopped by {stats.stopped_by}"),
+        ("took", f"{sum(stats.seconds.values()):.2g} s ({stages})"),
     ]
     if stats.photons:
-        rows.append(("photons", f"{stats.photons:.3g}, {stats.photons_per_second:.2g} per second"))
-    if stats.relative_error is not None:
+        shot = f"{stats.photons:.3g}, {stats.photons_per_second:.2g} per second"
+        rows.append(("photons", f"{shot}, stopped by {stats.stopped_by}"))
+    if stats.photons and stats.relative_error is not None:
         rows.append(
             (
                 "error",
@@ -99,7 +102,9 @@ def summary(result: "Result") -> list[tuple[str, str]]:
 
 def _orders(result: "Result") -> str:
     last = 1 if result.plan.method == "single" else result._settings["max_scatterings"]
-    return "all orders of scattering" if last is None else f"up to {last} scatterings"
+    if last is None:
+        return "all orders of scattering"
+    return f"at most {last} scattering{'' if last == 1 else 's'}"
 
 
 def _percent(share: Any) -> str:

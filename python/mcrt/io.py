@@ -60,7 +60,7 @@ def load(path: str | PathLike[str]) -> tuple[Any, Any, Any, tuple[int, ...]]:
     except SceneError:
         raise
     except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, EOFError, ValueError) as error:
-        raise SceneError(f"{path} is not a result that save() wrote: {error!r}") from error
+        raise SceneError(f"{path} is not a result that save() wrote") from error
     return scene, settings, data, tuple(text["seeds"])
 
 

@@ -33,7 +33,12 @@ impl Draws {
     /// The draws of photon `index` under `seed`; `purpose` separates uses that must not share numbers.
     #[inline(always)]
     pub fn new(seed: u64, index: u64, purpose: u32) -> Self {
-        Draws { key: [seed as u32, (seed >> 32) as u32], index: [index as u32, (index >> 32) as u32], block: 0, purpose }
+        Draws {
+            key: [seed as u32, (seed >> 32) as u32],
+            index: [index as u32, (index >> 32) as u32],
+            block: 0,
+            purpose,
+        }
     }
 
     /// The next four words.

@@ -24,7 +24,12 @@ pub fn memory(plan: &Plan) -> Memory {
     let voxels = volume.voxels() as u64;
     let values = voxels * plan.channels as u64;
     let corners: u64 = volume.n().iter().map(|&m| m as u64 + 1).product();
-    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light, volume.is_constant())).count() as u64;
+    let grids = plan
+        .lights
+        .iter()
+        .zip(&plan.scene.lights)
+        .filter(|(l, light)| uses_corners(l, light, volume.is_constant()))
+        .count() as u64;
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
     let wants_source = u64::from(plan.wants_source());
@@ -151,7 +156,12 @@ pub fn seconds(plan: &Plan) -> f64 {
     let volume = &plan.scene.medium.volume;
     let threads = threads(plan.settings.threads) as f64;
     let side = volume.n().iter().map(|&m| m as f64).fold(0.0, f64::max);
-    let grids = plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_corners(l, light, volume.is_constant())).count() as f64;
+    let grids = plan
+        .lights
+        .iter()
+        .zip(&plan.scene.lights)
+        .filter(|(l, light)| uses_corners(l, light, volume.is_constant()))
+        .count() as f64;
     let points: f64 = plan
         .lights
         .iter()

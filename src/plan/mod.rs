@@ -176,7 +176,11 @@ impl<'a> Plan<'a> {
         let chromatic = medium.is_chromatic() && channels == 3;
         why.push(
             "channels",
-            if channels == 1 { "1 (grey)".into() } else { format!("3, {}", if chromatic { "spectral MIS" } else { "one walk" }) },
+            if channels == 1 {
+                "1 (grey)".into()
+            } else {
+                format!("3, {}", if chromatic { "spectral MIS" } else { "one walk" })
+            },
             if chromatic {
                 "extinction differs between channels: each flight is weighted over all three".into()
             } else {
@@ -274,6 +278,12 @@ impl<'a> Plan<'a> {
             plan.warnings.push(format!(
                 "a voxel's optical depth is at most {depth:.1e}: collisions are rare and voxel errors large; \
                  tracker=\"march\" scores every voxel that a photon crosses"
+            ));
+        }
+        if depth > 1e5 {
+            plan.warnings.push(format!(
+                "a voxel's optical depth reaches {depth:.1e}: beyond 1e5 positions in single precision no longer resolve \
+                 the free path, and the light that such voxels reflect is uncertain"
             ));
         }
         cost::check_memory(&plan)?;
@@ -380,10 +390,9 @@ fn choose_method(
             (Method::Single, format!("asked for; orders >= 2, which may reach {beyond:.2} of order 1, are left out"))
         }
         (Some(method), _) => (method, "asked for".into()),
-        (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => (
-            Method::Single,
-            format!("orders >= 2 are below {beyond:.1e} of order 1, the target is {target}"),
-        ),
+        (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => {
+            (Method::Single, format!("orders >= 2 are below {beyond:.1e} of order 1, the target is {target}"))
+        }
         (None, _) => (Method::Photon, format!("orders >= 2 may reach {beyond:.2} of order 1")),
     };
     why.push("method", if method == Method::Single { "single" } else { "photon" }.into(), reason);
@@ -400,12 +409,9 @@ fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPl
             column: Column::Corners,
             interpolation_error: 0.0,
         },
-        Light::Pencil { .. } => LightPlan {
-            emission: at_light,
-            direct: Direct::Beam,
-            column: Column::Rays,
-            interpolation_error: 0.0,
-        },
+        Light::Pencil { .. } => {
+            LightPlan { emission: at_light, direct: Direct::Beam, column: Column::Rays, interpolation_error: 0.0 }
+        }
         Light::Point { .. } | Light::Directional { .. } => {
             let near = match light {
                 Light::Point { position, .. } => {
@@ -487,7 +493,10 @@ fn choose_tracker(
         why.push(
             "tracker",
             "woodcock".into(),
-            format!("expected cost per voxel of flight {cost:.2}, marching {march:.1}; cells of {}^3 voxels", grid.block),
+            format!(
+                "expected cost per voxel of flight {cost:.2}, marching {march:.1}; cells of {}^3 voxels",
+                grid.block
+            ),
         );
         Ok((Tracker::Woodcock, Some(grid)))
     } else {

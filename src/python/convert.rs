@@ -138,16 +138,17 @@ impl<'py> Held<'py> {
         let linear: bool = get(dict, "linear")?.extract()?;
         let density = self.density.as_slice()?;
         let n = [shape[2], shape[1], shape[0]];
-        let volume = py
-            .detach(|| Volume::new(density, n, turned(spacing), origin, linear))
-            .map_err(fail)?;
+        let volume = py.detach(|| Volume::new(density, n, turned(spacing), origin, linear)).map_err(fail)?;
         let extinction = Spectrum::new(&numbers(&get(dict, "extinction")?)?, "extinction").map_err(fail)?;
         let albedo = match &self.albedo {
             Some(values) => {
                 if values.shape() != shape {
                     return Err(scene_error(
                         py,
-                        format!("albedo has the shape {:?} and the volume {shape:?}; they must be equal", values.shape()),
+                        format!(
+                            "albedo has the shape {:?} and the volume {shape:?}; they must be equal",
+                            values.shape()
+                        ),
                     ));
                 }
                 Albedo::PerVoxel(values.as_slice()?)
@@ -164,9 +165,7 @@ impl<'py> Held<'py> {
 pub fn settings(dict: &Bound<'_, PyDict>) -> PyResult<Settings> {
     let py = dict.py();
     let fail = |e| to_py(py, e);
-    let choice = |key: &str| -> PyResult<Option<String>> {
-        Ok(optional::<String>(dict, key)?.filter(|s| s != "auto"))
-    };
+    let choice = |key: &str| -> PyResult<Option<String>> { Ok(optional::<String>(dict, key)?.filter(|s| s != "auto")) };
     let outputs: Vec<String> = get(dict, "outputs")?.try_iter()?.map(|s| s?.extract()).collect::<PyResult<_>>()?;
     let wants = |name: &str| outputs.iter().any(|o| o == name);
     let settings = Settings {

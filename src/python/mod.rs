@@ -78,7 +78,8 @@ fn framing_camera<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let size = convert::box_size(py, shape, spacing, origin)?;
     let (eye, target, fov) = Camera::framing(origin, size);
-    let spec = ("perspective", (eye[0], eye[1], eye[2]), (target[0], target[1], target[2]), (0.0, 0.0, 1.0), fov, (600, 600));
+    let spec =
+        ("perspective", (eye[0], eye[1], eye[2]), (target[0], target[1], target[2]), (0.0, 0.0, 1.0), fov, (600, 600));
     Ok(spec.into_pyobject(py)?.into_any())
 }
 
@@ -151,7 +152,8 @@ fn gather<'py>(
     cost::check_image(pixels, (channels * (4 + k)) as u64).map_err(|e| to_py(py, e))?;
     let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
     let occupancy = occupancy.as_ref();
-    let columns: Vec<_> = stored.columns.iter().map(|c| if c.is_some() { Column::Corners } else { Column::Rays }).collect();
+    let columns: Vec<_> =
+        stored.columns.iter().map(|c| if c.is_some() { Column::Corners } else { Column::Rays }).collect();
     // Without a scattering no light is seen in the medium.
     let dark = convert::optional::<u64>(volumes, "max_scatterings")? == Some(0);
     let lights = parsed
@@ -178,17 +180,12 @@ fn gather<'py>(
             let stop = || control.stopped();
             let picture = image(&volumes, &camera, None, channels, &stop);
             let error = subvolumes.map(|s| {
-                let each = Volumes {
-                    scene: &parsed,
-                    occupancy,
-                    lights: Vec::new(),
-                    source: Some(s),
-                    source0: None,
-                    channels,
-                };
+                let each =
+                    Volumes { scene: &parsed, occupancy, lights: Vec::new(), source: Some(s), source0: None, channels };
                 pixel_error::spread(&image(&each, &camera, None, channels * k, &stop).order2, k).1
             });
-            let bias = volumes.source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
+            let bias =
+                volumes.source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
             (picture, error, bias)
         })
     })?;

@@ -100,9 +100,8 @@ impl Camera {
         let v = (height - 2.0 * y) / width;
         match self.projection {
             Projection::Perspective { half_width } => {
-                let d: [f64; 3] = std::array::from_fn(|a| {
-                    self.forward[a] + half_width * (u * self.right[a] + v * self.up[a])
-                });
+                let d: [f64; 3] =
+                    std::array::from_fn(|a| self.forward[a] + half_width * (u * self.right[a] + v * self.up[a]));
                 let norm = d.iter().map(|c| c * c).sum::<f64>().sqrt();
                 (self.origin, d.map(|c| c / norm))
             }

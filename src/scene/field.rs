@@ -50,7 +50,8 @@ impl Dda {
     /// Starts in the cell of `q`, moved onto the grid of cells `low..high` if rounding put it outside.
     #[inline(always)]
     pub fn new(q: V3, v: V3, low: [i32; 3], high: [i32; 3]) -> Self {
-        let mut dda = Dda { cell: [0; 3], low, high, step: [0; 3], next: [f32::INFINITY; 3], delta: [f32::INFINITY; 3] };
+        let mut dda =
+            Dda { cell: [0; 3], low, high, step: [0; 3], next: [f32::INFINITY; 3], delta: [f32::INFINITY; 3] };
         for a in 0..3 {
             let cell = floor(q[a]).clamp(low[a], high[a] - 1);
             dda.cell[a] = cell;
@@ -208,6 +209,12 @@ impl<'a> Field<'a> {
         })
     }
 
+    /// Whether the field may be other than zero in a voxel.
+    #[inline(always)]
+    pub fn occupied(&self, voxel: [usize; 3]) -> bool {
+        self.occupancy.is_none_or(|occupancy| occupancy.voxel(voxel))
+    }
+
     /// The value of voxel (i, j, k), which must lie on the grid.
     #[inline(always)]
     pub fn voxel(&self, c: [i32; 3]) -> f32 {
@@ -341,16 +348,12 @@ impl<'a> Field<'a> {
     /// The walk over the cells within which the field is one polynomial: voxels, or cells between voxel centres.
     #[inline(always)]
     fn cells(&self, p: V3, v: V3) -> Dda {
-        if self.linear {
-            Dda::new(p.map(|c| c - 0.5), v, [-1; 3], self.n)
-        } else {
-            Dda::new(p, v, [0; 3], self.n)
-        }
+        if self.linear { Dda::new(p.map(|c| c - 0.5), v, [-1; 3], self.n) } else { Dda::new(p, v, [0; 3], self.n) }
     }
 
     /// The parameter within [t0, t1] at which the integral from t0 reaches `target`, in a cell of interpolation that holds
     /// the line between them: Newton's method kept within its bracket.
-    pub fn invert(&self, corners: &Corners, cell: [i32; 3], p: V3, v: V3, t0: f32, t1: f32, target: f32) -> f32 {
+    pub fn invert(&self, corners: &Corners, cell: [i32; 3], p: V3, v: V3, (t0, t1): (f32, f32), target: f32) -> f32 {
         let value = |t: f32| corners.at(local(along(p, v, t), cell));
         let start = value(t0);
         let (mut low, mut high) = (t0, t1);
@@ -358,7 +361,11 @@ impl<'a> Field<'a> {
         for _ in 0..24 {
             let here = value(t);
             let sum = (start + 4.0 * value(0.5 * (t0 + t)) + here) * ((t - t0) * (1.0 / 6.0)) - target;
-            if sum > 0.0 { high = t } else { low = t }
+            if sum > 0.0 {
+                high = t
+            } else {
+                low = t
+            }
             let newton = t - sum / here.max(1e-30);
             let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
             if (next - t).abs() <= 1e-6 * (t1 - t0) {
@@ -406,11 +413,10 @@ mod tests {
             let field = Field::density(&v);
             for (p, d, end) in lines() {
                 let m = 200_000;
-                let fine: f64 = (0..m)
-                    .map(|i| f64::from(field.at(along(p, d, (i as f32 + 0.5) / m as f32 * end))))
-                    .sum::<f64>()
-                    * f64::from(end)
-                    / f64::from(m);
+                let fine: f64 =
+                    (0..m).map(|i| f64::from(field.at(along(p, d, (i as f32 + 0.5) / m as f32 * end)))).sum::<f64>()
+                        * f64::from(end)
+                        / f64::from(m);
                 let got = f64::from(field.column(p, d, end));
                 assert!((got - fine).abs() < 2e-4 * fine.max(1.0), "linear {linear} {p:?}: {got} vs {fine}");
             }
@@ -453,7 +459,8 @@ mod tests {
         for p in [[0.1f32, 0.2, 0.3], [2.7, 1.9, 1.4], [4.95, 3.5, 2.99]] {
             let m = 400_000u32;
             let mean: f64 =
-                (0..m).map(|i| f64::from(field.one_read(p, i.wrapping_mul(2_654_435_769) >> 2))).sum::<f64>() / f64::from(m);
+                (0..m).map(|i| f64::from(field.one_read(p, i.wrapping_mul(2_654_435_769) >> 2))).sum::<f64>()
+                    / f64::from(m);
             assert!((mean - f64::from(field.at(p))).abs() < 3e-3, "{p:?}: {mean} vs {}", field.at(p));
         }
     }
@@ -464,7 +471,9 @@ mod tests {
         let v = volume(&data, true);
         let field = Field::density(&v);
         for i in 0..10_000u32 {
-            let r = |k: u32| ((i.wrapping_mul(747_796_405).wrapping_add(k.wrapping_mul(2_891_336_453))) >> 8) as f32 / 1.7e7;
+            let r = |k: u32| {
+                ((i.wrapping_mul(747_796_405).wrapping_add(k.wrapping_mul(2_891_336_453))) >> 8) as f32 / 1.7e7
+            };
             let p = [5.0 * r(1), 4.0 * r(2), 3.0 * r(3)];
             let d = [r(4) - 0.5, r(5) - 0.5, if i % 7 == 0 { 0.0 } else { r(6) - 0.5 }];
             let mut steps = 0;

@@ -1,12 +1,12 @@
 //! Where photons start: at a light, or at their first collision.
 
-use crate::scene::field::{Field, V3};
 use super::light::{Illumination, beam_entry};
 use super::track::enter;
 use crate::physics::flight::box_solid_angle;
 use crate::physics::frame::rotate;
 use crate::physics::rng::{Draws, uniform64};
 use crate::plan::{Direct, Emission, LightPlan};
+use crate::scene::field::{Field, V3};
 use crate::scene::{Light, Scene};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -147,11 +147,8 @@ impl<'a> Emitter<'a> {
                     i -= 1;
                 }
                 let ny = self.n[1] as usize;
-                let p = [
-                    i as f32 + a as f32,
-                    (row % ny) as f32 + b as f32,
-                    (row / ny) as f32 + uniform64(words[2]) as f32,
-                ];
+                let p =
+                    [i as f32 + a as f32, (row % ny) as f32 + b as f32, (row / ny) as f32 + uniform64(words[2]) as f32];
                 let incident = light.incident(p);
                 let column = light.column(p, &incident);
                 let density = light.density(p);
@@ -222,7 +219,7 @@ fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>) -> Option<(
             let (j, k) = (row % n[1], row / n[1]);
             let mut sum = 0.0f64;
             for (i, share) in out.iter_mut().enumerate() {
-                let density = mean_density(volume, [i, j, k]);
+                let density = if light.occupied([i, j, k]) { mean_density(volume, [i, j, k]) } else { 0.0 };
                 if density > 0.0 {
                     let p = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
                     let incident = light.incident(p);

@@ -4,10 +4,10 @@
 //! voxel centres. Each cell within which the density is one polynomial is cut into steps of at most half an optical depth,
 //! with two Gauss points each.
 
-use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use super::light::{GAUSS, Illumination, Source};
 use super::track::enter;
 use crate::physics::Phase;
+use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene};
 use rayon::prelude::*;
 
@@ -51,7 +51,13 @@ struct Sums<const C: usize, const S: usize> {
 }
 
 /// The layers of all pixels, or of the given ones.
-pub fn image(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>, stride: usize, stop: &(impl Fn() -> bool + Sync)) -> Image {
+pub fn image(
+    volumes: &Volumes,
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    stride: usize,
+    stop: &(impl Fn() -> bool + Sync),
+) -> Image {
     match (volumes.channels, stride) {
         (1, 1) => gather::<1, 1>(volumes, camera, pixels, stop),
         (1, 8) => gather::<1, 8>(volumes, camera, pixels, stop),
@@ -75,8 +81,7 @@ fn replicate_by_replicate(
     let k = stride / channels;
     let mut whole = Image::default();
     for replicate in 0..k {
-        let slice: Option<Vec<f32>> =
-            volumes.source.map(|s| s.iter().skip(replicate).step_by(k).copied().collect());
+        let slice: Option<Vec<f32>> = volumes.source.map(|s| s.iter().skip(replicate).step_by(k).copied().collect());
         let part = Volumes {
             scene: volumes.scene,
             occupancy: volumes.occupancy,
@@ -104,11 +109,8 @@ fn gather<const C: usize, const S: usize>(
 ) -> Image {
     let [width, height] = camera.resolution;
     let count = pixels.map_or(width * height, <[usize]>::len);
-    let mut image = Image {
-        order1: vec![0.0; count * C],
-        order2: vec![0.0; count * S],
-        transmittance: vec![1.0; count * C],
-    };
+    let mut image =
+        Image { order1: vec![0.0; count * C], order2: vec![0.0; count * S], transmittance: vec![1.0; count * C] };
     let view = View::<C, S>::new(volumes);
     let fine = samples_per_axis(volumes.scene, camera);
     // Tiles along a row: neighbouring pixels read the same voxels.
@@ -146,8 +148,8 @@ fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
     let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let voxels = camera.pixel_width(distance) / h;
     // Between voxel centres the image is smooth; with constant voxels it jumps at their edges.
-    let steps = if volume.linear() || volume.is_constant() { voxels } else { 5.0 * voxels };
-    (steps.ceil() as usize).clamp(1, 5)
+    let steps = if volume.linear() || volume.is_constant() { voxels } else { 6.0 * voxels };
+    (steps.ceil() as usize).clamp(1, 6)
 }
 
 /// Everything along view rays that does not change from ray to ray.

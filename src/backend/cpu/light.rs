@@ -1,10 +1,10 @@
 //! Unscattered light: where it comes from at a point, and what of it arrives there.
 
-use crate::scene::field::{Dda, Field, Occupancy, V3, along};
 use super::track::enter;
 use crate::backend::Control;
 use crate::physics::flight::{mean_transmittance, rectangle_solid_angle};
 use crate::plan::Column;
+use crate::scene::field::{Dda, Field, Occupancy, V3, along};
 use crate::scene::{Light, Scene};
 use rayon::prelude::*;
 
@@ -12,7 +12,11 @@ use rayon::prelude::*;
 pub const GAUSS: [&[(f64, f64)]; 4] = [
     &[(0.5, 1.0)],
     &[(0.211_324_865_405_187_1, 0.5), (0.788_675_134_594_812_9, 0.5)],
-    &[(0.112_701_665_379_258_3, 0.277_777_777_777_777_8), (0.5, 0.444_444_444_444_444_4), (0.887_298_334_620_741_7, 0.277_777_777_777_777_8)],
+    &[
+        (0.112_701_665_379_258_3, 0.277_777_777_777_777_8),
+        (0.5, 0.444_444_444_444_444_4),
+        (0.887_298_334_620_741_7, 0.277_777_777_777_777_8),
+    ],
     &[
         (0.069_431_844_202_973_7, 0.173_927_422_568_726_9),
         (0.330_009_478_207_571_9, 0.326_072_577_431_273_1),
@@ -131,6 +135,12 @@ impl<'a> Illumination<'a> {
         self.field.column(p, v, incident.distance)
     }
 
+    /// Whether a voxel may hold any density.
+    #[inline(always)]
+    pub fn occupied(&self, voxel: [usize; 3]) -> bool {
+        self.field.occupied(voxel)
+    }
+
     /// The density at a point.
     #[inline(always)]
     pub fn density(&self, p: V3) -> f32 {
@@ -210,11 +220,7 @@ pub fn voxel_fluence(
         let nodes = [node(at % per_axis), node(at / per_axis % per_axis), node(at / (per_axis * per_axis))];
         let p: V3 = std::array::from_fn(|a| cell[a] as f32 + nodes[a].0);
         let incident = light.incident(p);
-        let column = if rays {
-            light.ray(p, &incident)
-        } else {
-            (light.rough_column(p, &incident) + shift).max(0.0)
-        };
+        let column = if rays { light.ray(p, &incident) } else { (light.rough_column(p, &incident) + shift).max(0.0) };
         let weight = nodes[0].1 * nodes[1].1 * nodes[2].1 * incident.falloff;
         let density = light.field.at(p);
         for c in 0..3 {
@@ -267,7 +273,8 @@ fn near_fluence(light: &Illumination, extinction: &[f32; 3], cell: [i32; 3], pos
                 // The part of the ray within the voxel, as parts of its whole; it ends at this face.
                 let enter = (0..3)
                     .map(|a| {
-                        let (low, way) = (f64::from(cell[a]) - f64::from(position[a]), point[a] - f64::from(position[a]));
+                        let (low, way) =
+                            (f64::from(cell[a]) - f64::from(position[a]), point[a] - f64::from(position[a]));
                         if way == 0.0 { 0.0 } else { (low / way).min((low + 1.0) / way) }
                     })
                     .fold(0.0, f64::max);
@@ -397,10 +404,11 @@ pub fn unscattered(scene: &Scene, light: &Illumination) -> ([f64; 3], f64) {
                 let error = (0..3).map(|c| (mean[c] - centre[c]).abs()).fold(0.0, f64::max);
                 (mean.map(|m| m * flux), error * flux)
             };
-            let sum = (0..n[u] * n[v]).into_par_iter().with_min_len(256).map(face).reduce(
-                || ([0.0; 3], 0.0),
-                |a, b| (std::array::from_fn(|c| a.0[c] + b.0[c]), a.1 + b.1),
-            );
+            let sum = (0..n[u] * n[v])
+                .into_par_iter()
+                .with_min_len(256)
+                .map(face)
+                .reduce(|| ([0.0; 3], 0.0), |a, b| (std::array::from_fn(|c| a.0[c] + b.0[c]), a.1 + b.1));
             total = (std::array::from_fn(|c| total.0[c] + sum.0[c]), total.1 + sum.1);
         }
     }

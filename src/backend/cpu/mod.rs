@@ -12,10 +12,10 @@ use crate::backend::Control;
 use crate::error::{Error, Result};
 use crate::plan::{Column, Layer, Plan, Tracker, cost};
 use crate::result::{Outcome, Stopped};
+use crate::scene::field::{Field, Occupancy};
 use crate::scene::{Light, Scene};
 use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use emit::Emitter;
-use crate::scene::field::{Field, Occupancy};
 use light::Illumination;
 use rayon::prelude::*;
 use shoot::{Energies, Walk};
@@ -82,7 +82,8 @@ fn light_grids(plan: &Plan, occupancy: Option<&Occupancy>, control: &Control) ->
             return None;
         }
         let everywhere = plan.settings.fluence || plan.settings.radiance;
-        Illumination::new(scene, occupancy, light, how.column, None).map(|view| view.corner_columns(everywhere, control))
+        Illumination::new(scene, occupancy, light, how.column, None)
+            .map(|view| view.corner_columns(everywhere, control))
     };
     scene.lights.iter().zip(&plan.lights).map(grid).collect()
 }
@@ -288,14 +289,8 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     let source = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
     let source0 = pad(shot.source0.chunks_mut(BLOCK), blocks);
     let subvolume = pad(subvolume.chunks_mut(BLOCK), blocks);
-    drains
-        .into_par_iter()
-        .zip(fluence)
-        .zip(source)
-        .zip(source0)
-        .zip(subvolume)
-        .enumerate()
-        .for_each(|(at, ((((drains, fluence), source), source0), subvolume))| {
+    drains.into_par_iter().zip(fluence).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
+        |(at, ((((drains, fluence), source), source0), subvolume))| {
             let len = BLOCK.min(values - at * BLOCK);
             // Fluence, J of incident order 0, and J of all orders that images see.
             let mut sums = [vec![0.0f64; len], vec![0.0f64; len], vec![0.0f64; len]];
@@ -325,7 +320,8 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
             if let Some(sum) = subvolume {
                 sum.iter_mut().zip(&sums[2]).for_each(|(sum, x)| *sum += *x as f32);
             }
-        });
+        },
+    );
 }
 
 /// The items, followed by `None` up to `len`.

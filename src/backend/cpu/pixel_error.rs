@@ -20,7 +20,13 @@ pub fn spread(values: &[f32], k: usize) -> (Vec<f32>, Vec<f32>) {
 /// The estimated bias of orders >= 2 in each pixel. The mean over a voxel adds h^2/24 of each second derivative to J, and
 /// linear interpolation h^2/12 more on average: together what one pass of (1/8, 6/8, 1/8) along each axis adds. So the
 /// image of the smoothed volume less that of the volume is the bias, to second order.
-pub fn bias(volumes: &Volumes, source: &[f32], camera: &Camera, pixels: Option<&[usize]>, stop: &(impl Fn() -> bool + Sync)) -> Vec<f32> {
+pub fn bias(
+    volumes: &Volumes,
+    source: &[f32],
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    stop: &(impl Fn() -> bool + Sync),
+) -> Vec<f32> {
     let n = volumes.scene.medium.volume.n();
     let mut difference = smooth(source, n, volumes.channels);
     difference.par_iter_mut().zip(source).for_each(|(s, j)| *s -= j);

@@ -1,7 +1,6 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::emit::{hit_fraction, mean_density};
-use crate::scene::field::{Occupancy, V3};
 use super::gather::{Volumes, image};
 use super::light::{Illumination, Quadrature, beam, unscattered, voxel_fluence};
 use super::shoot::LocalEye;
@@ -10,6 +9,7 @@ use crate::backend::Control;
 use crate::error::{Error, Result};
 use crate::plan::{Direct, Emission, Plan};
 use crate::result::{Energy, Outcome, Share};
+use crate::scene::field::{Occupancy, V3};
 use crate::scene::{Albedo, Light};
 use crate::tally::Moments;
 use rayon::prelude::*;
@@ -213,7 +213,8 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
                         if quiet {
                             let albedo = albedo(at * n[0] + i);
                             for c in 0..3 {
-                                let power = scene.medium.extinction.rgb[c] * f64::from(collisions[c]) * volume.voxel_volume();
+                                let power =
+                                    scene.medium.extinction.rgb[c] * f64::from(collisions[c]) * volume.voxel_volume();
                                 sums[l][0][c] += power * (1.0 - albedo[c]);
                                 sums[l][1][c] += power * albedo[c];
                             }
@@ -234,7 +235,8 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
     let mut beams: Option<Vec<f32>> = None;
     for (l, light) in scene.lights.iter().enumerate() {
         let Light::Pencil { position, direction, power } = light else { continue };
-        let beams = beams.get_or_insert_with(|| vec![0.0f32; if plan.wants_source() && plan.settings.image { values } else { 0 }]);
+        let beams = beams
+            .get_or_insert_with(|| vec![0.0f32; if plan.wants_source() && plan.settings.image { values } else { 0 }]);
         let cubic = volume.voxel_volume();
         beam(scene, *position, *direction, |voxel, length| {
             let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));

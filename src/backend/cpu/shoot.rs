@@ -1,7 +1,6 @@
 //! The photon walk: starts, flights, scatterings, and what they leave in the tallies.
 
 use super::emit::{Emitter, Start};
-use crate::scene::field::{Field, V3};
 use super::track::{Flight, Scorer, Tracker, Weights};
 use crate::backend::Control;
 use crate::physics::Phase;
@@ -10,6 +9,7 @@ use crate::physics::rng::{Draws, uniform, uniform64};
 use crate::plan::{Plan, Route};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::camera::Eye;
+use crate::scene::field::{Field, V3};
 use crate::scene::{Albedo, Light};
 use crate::tally::Bins;
 use rayon::prelude::*;
@@ -221,7 +221,7 @@ impl<T> Walk<'_, T> {
             }
             let (cos_theta, sin_theta) = phase.sample(uniform(words[0]));
             direction = rotate(direction, cos_theta, sin_theta, uniform(words[1]));
-            if collisions % PATIENCE == 0 && halted() {
+            if collisions.is_multiple_of(PATIENCE) && halted() {
                 break;
             }
         }
@@ -339,7 +339,9 @@ mod tests {
 
     #[test]
     fn allotted_photons_add_up() {
-        for (powers, photons) in [(vec![1.0, 2.0, 3.0], 1000), (vec![1e-9, 1.0], 2), (vec![5.0], 17), (vec![1.0; 7], 100)] {
+        for (powers, photons) in
+            [(vec![1.0, 2.0, 3.0], 1000), (vec![1e-9, 1.0], 2), (vec![5.0], 17), (vec![1.0; 7], 100)]
+        {
             let given = allot(&powers, photons);
             assert_eq!(given.iter().sum::<u64>(), photons);
             assert!(given.iter().all(|&g| g > 0));

@@ -1,10 +1,10 @@
 //! Trackers: from one point of a photon's way to its next collision, or out of the box.
 
-use crate::scene::field::{Dda, Field, V3, along, leave, local};
 use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, exponential, uniform};
 use crate::plan::{MajorantGrid, Plan, Score};
 use crate::scene::block_maxima;
+use crate::scene::field::{Dda, Field, V3, along, leave, local};
 
 /// The weights of a photon in `C` channels. With unequal extinctions, one channel (the hero) decides the flight, and the
 /// balance heuristic over the three that might have decided keeps every channel unbiased with bounded weights
@@ -257,7 +257,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for March<'_, CHROMATIC> 
                 let piece = (value(t) + 4.0 * value(t + 0.5 * length) + value(t + length)) * (length * (1.0 / 6.0));
                 let left = free - column * extinction;
                 let hit = piece * extinction >= left && piece > 0.0 && length > 0.0;
-                let at = hit.then(|| self.field.invert(&corners, between, p, v, t, exit, left.max(0.0) / extinction));
+                let at = hit.then(|| self.field.invert(&corners, between, p, v, (t, exit), left.max(0.0) / extinction));
                 (piece, at)
             } else {
                 let density = self.field.voxel(voxel);
