@@ -64,9 +64,10 @@ impl Control {
         self.started.elapsed().as_secs_f64()
     }
 
-    /// Says how far the run is.
+    /// Says how far the run is; it never goes back.
     pub fn report(&self, fraction: f64, photons: u64) {
-        self.fraction.store(fraction.to_bits(), Relaxed);
+        // Bits of non-negative floats have their order.
+        self.fraction.fetch_max(fraction.max(0.0).to_bits(), Relaxed);
         self.photons.store(photons, Relaxed);
     }
 

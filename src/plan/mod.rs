@@ -564,7 +564,7 @@ fn choose_batches(
             Ok((photons.div_ceil(batches), Some(batches)))
         }
         None => {
-            let mut size = worth.clamp(2048, 1 << 22);
+            let mut size = worth.clamp(8192, 1 << 22);
             if let Some(limit) = settings.time_limit {
                 size = size.min(((per_second * limit / 32.0) as u64).max(256));
             }

@@ -27,8 +27,10 @@ pub struct Spectrum {
 impl Spectrum {
     /// From one or three finite, non-negative numbers; `what` names it in the error.
     pub fn new(values: &[f64], what: &str) -> Result<Self> {
-        if let Some(v) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
-            return scene_error(format!("{what} = {v} is not allowed; it must be finite and not negative"));
+        if let Some(v) = values.iter().find(|v| !(**v >= 0.0 && **v <= 1e30)) {
+            return scene_error(format!(
+                "{what} = {v} is not allowed; it must be finite and not negative (up to 1e30)"
+            ));
         }
         match *values {
             [v] => Ok(Spectrum { rgb: [v; 3], is_rgb: false }),
@@ -99,16 +101,18 @@ pub fn block_maxima(volume: &Volume, block: usize, reach: usize) -> Vec<f32> {
 
 /// A finite point or vector, or an error that names it.
 pub(crate) fn finite(v: [f64; 3], what: &str) -> Result<[f64; 3]> {
-    if v.iter().all(|c| c.is_finite() && c.abs() < 1e30) {
+    if v.iter().all(|c| c.abs() <= 1e15) {
         Ok(v)
     } else {
-        scene_error(format!("{what} = {v:?} is not finite"))
+        scene_error(format!("{what} = {v:?} is not allowed; each component must be finite (up to 1e15)"))
     }
 }
 
 /// A unit vector from a finite, non-zero one.
 pub(crate) fn direction(v: [f64; 3], what: &str) -> Result<[f64; 3]> {
-    let v = finite(v, what)?;
+    if v.iter().any(|c| !c.is_finite()) {
+        return scene_error(format!("{what} = {v:?} is not finite"));
+    }
     // Scaled first, so that neither tiny nor huge components lose the length.
     let scale = v.iter().fold(0.0f64, |m, c| m.max(c.abs()));
     if scale == 0.0 {

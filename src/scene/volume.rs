@@ -30,9 +30,9 @@ impl<'a> Volume<'a> {
         if density.len() != voxels {
             return scene_error(format!("{} densities were given for {voxels} voxels", density.len()));
         }
-        if spacing.iter().any(|h| !(h.is_finite() && *h > 1e-20 && *h < 1e20)) {
+        if spacing.iter().any(|h| !(*h >= 1e-12 && *h <= 1e12)) {
             return scene_error(format!(
-                "spacing (dz, dy, dx) = ({}, {}, {}) is not allowed; each must be finite and positive (1e-20 to 1e20)",
+                "spacing (dz, dy, dx) = ({}, {}, {}) is not allowed; each must be finite and positive (1e-12 to 1e12)",
                 spacing[2], spacing[1], spacing[0]
             ));
         }

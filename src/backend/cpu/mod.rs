@@ -241,7 +241,9 @@ fn batches<const C: usize, T: track::Tracker<C>>(
             shot.photons += photons;
             fold(plan, &mut bins, power / photons as f64 / unit, shot);
             shot.energies.push((energies, power / photons as f64, photons));
-            let part = if goal == u64::MAX { 0.0 } else { shot.batches as f64 / goal as f64 };
+            // How many batches a target takes is known only after the first estimate, which comes soon.
+            let scale = if plan.batches.is_none() && goal == round { 0.1 } else { 1.0 };
+            let part = if goal == u64::MAX { 0.0 } else { scale * shot.batches as f64 / goal as f64 };
             control.report(part.max(control.time_fraction()), shot.photons);
             if shot.batches >= 2 && control.late() && shot.batches < goal {
                 shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };

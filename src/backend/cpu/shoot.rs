@@ -17,7 +17,7 @@ use rayon::prelude::*;
 /// Fixed-point unit of energies: weights of 1 are 2^36 units, so that 2^26 of them stay within 63 bits.
 const ENERGY_UNIT: f32 = 68_719_476_736.0;
 /// Photons per task; a task is what one thread walks without looking up.
-const TASK: u64 = 1024;
+const TASK: u64 = 256;
 /// Collisions between looks at the clock and the stop flag within one photon.
 const PATIENCE: u32 = 1 << 14;
 /// Below this weight a photon plays roulette, and survives with the chance `SURVIVAL`.
