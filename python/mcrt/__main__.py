@@ -43,13 +43,13 @@ def demo(folder: Path, seed: int) -> None:
     result = mcrt.simulate(
         head, light=light, camera=views["side"], photons=2e6, outputs=["image"], seed=seed
     )
+    print(result.plan, result, sep="\n\n", end="\n\n")
     folder.mkdir(parents=True, exist_ok=True)
     for name, camera in views.items():
         path = folder / f"head_{name}.png"
         result.save_png(path, camera)
         print(f"wrote {path}")
-    print(result.plan, result, sep="\n\n")
-    print(f"\n{time.perf_counter() - start:.1f} s in all")
+    print(f"{time.perf_counter() - start:.1f} s in all")
 
 
 def tissue() -> mcrt.Medium:

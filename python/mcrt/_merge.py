@@ -60,7 +60,7 @@ def _check(a: "Result", b: "Result") -> None:
         given = f'"{a.plan.method}" and "{b.plan.method}"'
         raise SceneError(f"results of different methods cannot be merged: {given}")
     for name in (*MEANS, *ERRORS):
-        shapes = [np.shape(result._data.get(name)) for result in (a, b)]
+        shapes = [getattr(x.get(name), "shape", None) for x in (a._data, b._data)]
         if shapes[0] != shapes[1]:
             raise SceneError(
                 f"results of different {name} cannot be merged (arrays of shape {shapes[0]} and "

@@ -75,7 +75,9 @@ class Plan(Record):
         for name, choice, reason in rows:
             text = f"{choice} -- {reason}" if reason else choice
             head, indent = f"  {name:<{width}}  ", " " * (width + 4)
-            lines += textwrap.wrap(text, 100, initial_indent=head, subsequent_indent=indent)
+            lines += textwrap.wrap(
+                text, 100, initial_indent=head, subsequent_indent=indent, break_on_hyphens=False
+            )
         return "\n".join(lines)
 
     __repr__ = __str__

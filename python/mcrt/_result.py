@@ -163,7 +163,8 @@ class Result:
         if not self._data["stats"]["photons"]:
             return 0.0, 0.0, 0.0
         if "image" in outputs and not (self._settings["over_voxels"] and "fluence" in outputs):
-            return relative_errors(self.image(), self.image_error(), self.plan.channels)
+            error = self.image_error()  # its gather finds the image too
+            return relative_errors(self.image(), error, self.plan.channels)
         name = "fluence" if "fluence" in outputs else "radiance"
         return relative_errors(self._voxels(name), self._voxels(name, "_error"), self.plan.channels)
 

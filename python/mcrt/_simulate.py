@@ -1,7 +1,7 @@
 """`simulate` and `plan`: one signature, turned into the scene and the settings of the Rust core."""
 
 import inspect
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ def simulate(
     seed: int = 0,
     threads: int | None = None,
     errors: bool = True,
-    outputs: Collection[str] | None = None,
+    outputs: Sequence[str] | Set[str] | None = None,
     photoelectric: bool = False,
     force: bool = False,
     progress: bool | Callable[[float, dict[str, Any]], bool | None] | None = None,
@@ -83,7 +83,7 @@ def simulate(
         None takes all cores.
     errors : bool
         False spares the memory of the standard errors.
-    outputs : collection of "fluence", "radiance", "image", optional
+    outputs : sequence (or set) of "fluence", "radiance", "image", optional
         What the result shall hold; None: all of them.
     force : bool
         Run even if the estimated memory is more than there is.
@@ -209,8 +209,8 @@ def _outputs(value: Any) -> tuple[str, ...]:
     if value is None:
         return OUTPUTS
     names = [value] if isinstance(value, str) else value
-    if not isinstance(names, Collection) or not names:
-        raise wrong("outputs", f"a collection of {', '.join(OUTPUTS)}", value)
+    if not isinstance(names, Sequence | Set) or not names:
+        raise wrong("outputs", f"a sequence of {', '.join(OUTPUTS)}", value)
     for name in names:
         choice("outputs", name, OUTPUTS)
     return tuple(name for name in OUTPUTS if name in names)

@@ -30,7 +30,7 @@ def tone_map(image: np.ndarray, exposure: float | None = None) -> np.ndarray:
     image : array (height, width) or (height, width, 3)
         Radiance, not negative.
     exposure : float, optional
-        None brings the 98 % quantile of what is lit to Y = 0.8.
+        None brings the 98 % quantile of what is lit to Y = 1.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def tone_map(image: np.ndarray, exposure: float | None = None) -> np.ndarray:
     luminance = image @ LUMINANCE if image.ndim == 3 else image
     if exposure is None:
         lit = luminance[luminance > 1e-3 * luminance.max(initial=0.0)]
-        exposure = 0.8 / float(np.quantile(lit, 0.98)) if lit.size else 1.0
+        exposure = 1.0 / float(np.quantile(lit, 0.98)) if lit.size else 1.0
     y = np.maximum(exposure * luminance, 0.0)
     scale = exposure * (1.0 + y / 2.25) / (1.0 + y)
     linear = np.clip(image * (scale[..., np.newaxis] if image.ndim == 3 else scale), 0.0, 1.0)
@@ -113,12 +113,13 @@ def _percent(share: Any) -> str:
 
 def html(result: "Result") -> str:
     """The picture, if the result has one, and the summary."""
+    rows = summary(result)  # first: the gather of the errors finds the image too
     try:
         data = base64.b64encode(picture(result)).decode()
         image = f'<img alt="image" style="max-width:400px" src="data:image/png;base64,{data}">'
     except McrtError:
         image = ""
-    return f"<div>{image}{table(summary(result))}</div>"
+    return f"<div>{image}{table(rows)}</div>"
 
 
 def _axes(ax: Any) -> Any:

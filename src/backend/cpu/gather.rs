@@ -147,9 +147,9 @@ fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
     let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt();
     let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let voxels = camera.pixel_width(distance) / h;
-    // Between voxel centres the image is smooth; with constant voxels it jumps at their edges.
-    let steps = if volume.linear() || volume.is_constant() { voxels } else { 6.0 * voxels };
-    (steps.ceil() as usize).clamp(1, 6)
+    // Two rays per voxel resolve what is linear between centres; constant voxels have edges.
+    let (per_voxel, most) = if volume.linear() || volume.is_constant() { (2.0, 4.0) } else { (6.0, 6.0) };
+    (per_voxel * voxels).ceil().clamp(1.0, most) as usize
 }
 
 /// Everything along view rays that does not change from ray to ray.
