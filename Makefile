@@ -9,6 +9,9 @@ RUST := Cargo.toml pyproject.toml $(wildcard Cargo.lock) $(shell find src shader
 WITH_PYTHON := CARGO_TARGET_DIR=target/python PYO3_PYTHON=$(BIN)/python
 export PATH := $(PATH):$(HOME)/.cargo/bin
 
+# The comparisons with analytic truth and an independent code.
+TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers energy calibration mitsuba)
+
 .PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm
 .DELETE_ON_ERROR:
 
@@ -16,7 +19,7 @@ help:
 	@echo "make demo      build, simulate light in a real MRI volume, write demo/*.png"
 	@echo "make test      every test and check, Rust and Python"
 	@echo "make bench     how fast it is, as ratios measured in one run"
-	@echo "make validate  the comparisons with analytic truth and independent codes, in words"
+	@echo "make validate  the comparisons with analytic truth and with Mitsuba, one line each"
 	@echo "make fmt       format the Rust and Python sources"
 	@echo "make clean     remove what was built (.venv, target, demo)"
 	@echo "PYTHON=...     another Python (>= 3.11) than python3"
@@ -43,7 +46,7 @@ bench: $(VENV)/.package
 	$(BIN)/python tests/bench/bench.py
 
 validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
-	$(BIN)/python -m pytest -m validation -rA
+	$(BIN)/python -m pytest -v $(TRUTHS)
 
 fmt: check-lint $(VENV)/.test
 	cargo fmt
@@ -99,4 +102,4 @@ llvm:
 	@ls /usr/lib/*/libLLVM*19* /usr/lib/llvm-19/lib/libLLVM*.so* >/dev/null 2>&1 \
 	  || { command -v apt-get >/dev/null && $(SUDO) apt-get update -qq \
 	       && $(SUDO) apt-get install -qq -y --no-install-recommends libllvm19; } \
-	  || echo "Missing: libllvm19. The tests that need Mitsuba's LLVM variants will be skipped."
+	  || echo "Missing: libllvm19. The comparison with Mitsuba runs its slower scalar variant."

@@ -69,8 +69,10 @@ pub struct LightPlan {
     pub direct: Direct,
     /// How the optical depth towards it is found.
     pub column: Column,
-    /// Relative error of the transmittance if that were interpolated.
+    /// Relative error of an order 1 image if that were interpolated.
     pub interpolation_error: f64,
+    /// Whether first collisions are weighed with the interpolated depth.
+    pub interpolated_starts: bool,
 }
 
 /// How fluence is scored along a flight.
@@ -147,9 +149,11 @@ pub struct Plan<'a> {
     pub warnings: Vec<String>,
 }
 
-/// Above this relative error of the transmittance towards a light its depth is no longer interpolated between corners:
-/// the error of an order 1 image was found to be about 1.4 times as large.
-const INTERPOLATION_ERROR: f64 = 0.006;
+/// Above this relative error of an order 1 image the optical depth towards a light is not interpolated between corners.
+const INTERPOLATION_ERROR: f64 = 0.005;
+/// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has
+/// forgotten most of it.
+const START_ERROR: f64 = 0.01;
 /// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
 const FIRST_COLLISION_DEPTH: f64 = 1.0;
 
@@ -357,8 +361,10 @@ impl Explain {
             format!(
                 "a voxel's optical depth is at most {depth:.3}{}",
                 match light {
-                    Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 =>
-                        format!(", interpolating the light grid errs by {:.2} % rms", 100.0 * plan.interpolation_error),
+                    Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 => format!(
+                        ", interpolating the light grid would err by {:.2} % in the image",
+                        100.0 * plan.interpolation_error
+                    ),
                     _ => String::new(),
                 }
             ),
@@ -408,10 +414,15 @@ fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPl
             direct: Direct::Sampled,
             column: Column::Corners,
             interpolation_error: 0.0,
+            interpolated_starts: false,
         },
-        Light::Pencil { .. } => {
-            LightPlan { emission: at_light, direct: Direct::Beam, column: Column::Rays, interpolation_error: 0.0 }
-        }
+        Light::Pencil { .. } => LightPlan {
+            emission: at_light,
+            direct: Direct::Beam,
+            column: Column::Rays,
+            interpolation_error: 0.0,
+            interpolated_starts: false,
+        },
         Light::Point { .. } | Light::Directional { .. } => {
             let near = match light {
                 Light::Point { position, .. } => {
@@ -428,7 +439,8 @@ fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPl
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
             let column = if rays { Column::Rays } else { Column::Corners };
             let direct = choose_quadrature(depth, volume.voxels(), constant);
-            LightPlan { emission, direct, column, interpolation_error }
+            let interpolated_starts = !constant && interpolation_error <= START_ERROR;
+            LightPlan { emission, direct, column, interpolation_error, interpolated_starts }
         }
     }
 }

@@ -1,20 +1,24 @@
 //! What interpolating the light grid would cost in accuracy, measured on the scene before anything is decided.
 
+use crate::physics::flight::box_range;
 use crate::scene::field::{Field, Occupancy, V3};
 use crate::scene::{Light, Scene};
 
-/// Points probed.
-const PROBES: usize = 400;
-/// Points looked at to find that many with something to scatter.
-const TRIES: usize = 8000;
+/// View rays probed, and points on each.
+const RAYS: usize = 96;
+const POINTS: usize = 12;
+/// View rays looked at to find that many that meet something.
+const TRIES: usize = 2000;
 
-/// The root mean square error of the transmittance towards a light when its optical depth is interpolated between voxel
-/// corners, over that of the transmittance itself, at points that scatter.
+/// The root mean square error that an order 1 image would have if the optical depth towards the light were interpolated
+/// between voxel corners, over the image's own. Points are drawn along the camera's rays as their light reaches the eye.
 pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
     let volume = &scene.medium.volume;
     let occupancy = Occupancy::new(volume);
     let field = Field::density(volume).skipping(occupancy.as_ref());
     let (n, h) = (volume.n(), volume.spacing());
+    let extinction = scene.medium.extinction.max();
+    let transmittance = |column: f64| (-extinction * column).exp();
     let column = |p: V3| {
         let (to, end) = match light {
             Light::Point { position, .. } => {
@@ -29,30 +33,67 @@ pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
         let v: V3 = std::array::from_fn(|a| (to[a] / h[a]) as f32);
         f64::from(field.column(p, v, end as f32))
     };
-    let extinction = scene.medium.extinction.max();
-    let (mut error, mut square, mut probes) = (0.0, 0.0, 0);
-    for i in 0..TRIES {
-        let x: [f64; 3] = [(i, 2), (i, 3), (i, 5)].map(|(i, base)| radical_inverse(i + 1, base));
-        let p: V3 = std::array::from_fn(|a| (x[a] * n[a] as f64) as f32);
-        if field.at(p) <= 0.0 {
-            continue;
-        }
-        let low = p.map(f32::floor);
-        let mut interpolated = 0.0;
-        for corner in 0..8 {
+    let interpolated = |p: V3| {
+        let low: V3 = std::array::from_fn(|a| p[a].floor().min(n[a] as f32 - 1.0));
+        (0..8).fold(0.0, |sum, corner| {
             let side: V3 = std::array::from_fn(|a| (corner >> a & 1) as f32);
             let weight: f32 = (0..3).map(|a| (1.0 - side[a]) + (2.0 * side[a] - 1.0) * (p[a] - low[a])).product();
-            interpolated += f64::from(weight) * column(std::array::from_fn(|a| low[a] + side[a]));
+            sum + f64::from(weight) * column(std::array::from_fn(|a| low[a] + side[a]))
+        })
+    };
+    let [width, height] = scene.camera.resolution.map(|r| r as f64);
+    let (mut error, mut square, mut rays) = (0.0, 0.0, 0);
+    for i in 0..TRIES {
+        let (origin, d) = scene.camera.ray(radical_inverse(i + 1, 2) * width, radical_inverse(i + 1, 3) * height);
+        let local = volume.local(origin);
+        let p: [f64; 3] = std::array::from_fn(|a| local[a] / h[a]);
+        let v: [f64; 3] = std::array::from_fn(|a| d[a] / h[a]);
+        let Some((t0, t1)) = box_range(p, v, n.map(|m| m as f64)) else { continue };
+        let (t0, length) = (t0.max(0.0), t1 - t0.max(0.0));
+        if length <= 0.0 {
+            continue;
         }
-        let exact = (-extinction * column(p)).exp();
-        error += ((-extinction * interpolated).exp() - exact).powi(2);
-        square += exact * exact;
-        probes += 1;
-        if probes == PROBES {
+        let start: V3 = std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, n[a] as f64) as f32);
+        let velocity = v.map(|c| c as f32);
+        let whole = f64::from(field.column(start, velocity, length as f32));
+        let seen = 1.0 - transmittance(whole);
+        if seen <= 0.0 {
+            continue;
+        }
+        let (mut difference, mut sum) = (0.0, 0.0);
+        for k in 0..POINTS {
+            // The column after which the part (k + 1/2) / POINTS of what is seen lies behind.
+            let target = -(1.0 - seen * (k as f64 + 0.5) / POINTS as f64).ln() / extinction;
+            let at = depth_at(&field, start, velocity, length as f32, target as f32);
+            let p: V3 = std::array::from_fn(|a| (start[a] + velocity[a] * at).clamp(0.0, n[a] as f32));
+            let exact = transmittance(column(p));
+            difference += seen * (transmittance(interpolated(p)) - exact);
+            sum += seen * exact;
+        }
+        error += difference * difference;
+        square += sum * sum;
+        rays += 1;
+        if rays == RAYS {
             break;
         }
     }
     if square > 0.0 { (error / square).sqrt() } else { 0.0 }
+}
+
+/// The parameter at which the column density along a line reaches `target`, linear within a cell.
+fn depth_at(field: &Field, p: V3, v: V3, end: f32, target: f32) -> f32 {
+    let (mut sum, mut at) = (0.0f32, end);
+    field.visit(p, v, end, |_, t0, t1| {
+        let middle = std::array::from_fn(|a| p[a] + v[a] * 0.5 * (t0 + t1));
+        let piece = field.at(middle) * (t1 - t0);
+        if sum + piece >= target && piece > 0.0 {
+            at = t0 + (t1 - t0) * ((target - sum) / piece).max(0.0);
+            return false;
+        }
+        sum += piece;
+        true
+    });
+    at
 }
 
 /// The van der Corput sequence.
@@ -77,7 +118,7 @@ mod tests {
         let phase = crate::physics::Phase::Isotropic;
         let medium = Medium::new(volume, grey(extinction), Albedo::Constant(grey(0.9)), phase).expect("valid");
         let light = Light::directional(towards, &[1.0]).expect("valid");
-        let camera = Camera::perspective([0.0, -9.0, 0.0], [0.0; 3], [0.0, 0.0, 1.0], 40.0, [1, 1]).expect("valid");
+        let camera = Camera::perspective([30.0, -30.0, 20.0], [6.0; 3], [0.0, 0.0, 1.0], 20.0, [9, 9]).expect("valid");
         interpolation_error(&Scene::new(medium, vec![light], camera), &light)
     }
 

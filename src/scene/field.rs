@@ -267,6 +267,12 @@ impl<'a> Field<'a> {
     /// interpolation, and two Gauss points integrate cubics exactly.
     #[inline]
     pub fn column(&self, p: V3, v: V3, end: f32) -> f32 {
+        self.column_up_to(p, v, end, f32::INFINITY)
+    }
+
+    /// The same, but no further than where it exceeds `enough`.
+    #[inline]
+    pub fn column_up_to(&self, p: V3, v: V3, end: f32, enough: f32) -> f32 {
         const NODE: f32 = 0.211_324_87;
         let mut sum = 0.0f32;
         if self.constant {
@@ -277,12 +283,12 @@ impl<'a> Field<'a> {
                 let step = NODE * (t1 - t0);
                 let value = |t: f32| corners.at(local(along(p, v, t), cell));
                 sum += 0.5 * (t1 - t0) * (value(t0 + step) + value(t1 - step));
-                true
+                sum <= enough
             });
         } else {
             self.visit(p, v, end, |cell, t0, t1| {
                 sum += self.voxel(cell) * (t1 - t0);
-                true
+                sum <= enough
             });
         }
         sum

@@ -36,11 +36,29 @@ pub enum Start {
 
 /// How an emitter places its photons.
 enum Kind<'a> {
-    Point { position: [f64; 3], axis: [f64; 3], cap: f64 },
-    Pencil { p: V3 },
-    Directional { direction: [f64; 3], faces: [f64; 3] },
-    Environment { faces: [f64; 3] },
-    FirstCollision { light: Illumination<'a>, power: Vec<f32>, rows: Vec<f64>, extinction: [f32; 3], volume: f32 },
+    Point {
+        position: [f64; 3],
+        axis: [f64; 3],
+        cap: f64,
+    },
+    Pencil {
+        p: V3,
+    },
+    Directional {
+        direction: [f64; 3],
+        faces: [f64; 3],
+    },
+    Environment {
+        faces: [f64; 3],
+    },
+    FirstCollision {
+        light: Illumination<'a>,
+        interpolated: bool,
+        power: Vec<f32>,
+        rows: Vec<f64>,
+        extinction: [f32; 3],
+        volume: f32,
+    },
 }
 
 /// A light as the walk sees it.
@@ -67,7 +85,7 @@ impl<'a> Emitter<'a> {
         }
         let areas = [size[1] * size[2], size[2] * size[0], size[0] * size[1]];
         let (kind, power) = match (plan.emission, light) {
-            (Emission::FirstCollision, _) => first_collisions(scene, view?)?,
+            (Emission::FirstCollision, _) => first_collisions(scene, view?, plan.interpolated_starts)?,
             (_, Light::Point { position, .. }) => {
                 let (axis, cap) = cone(volume.local(*position), size);
                 (Kind::Point { position: volume.local(*position), axis, cap }, 2.0 * PI * cap * top)
@@ -131,7 +149,7 @@ impl<'a> Emitter<'a> {
                 let direction = rotate(inward, b.sqrt(), (1.0 - b).sqrt(), uniform64(words[2]));
                 Start::Flight { p: p.map(|c| c as f32), direction: direction.map(|c| c as f32) }
             }
-            Kind::FirstCollision { light, power, rows, extinction, volume } => {
+            Kind::FirstCollision { light, interpolated, power, rows, extinction, volume } => {
                 let target = u * rows[rows.len() - 1];
                 let row = rows.partition_point(|&sum| sum <= target).min(rows.len() - 1);
                 let nx = self.n[0] as usize;
@@ -150,7 +168,7 @@ impl<'a> Emitter<'a> {
                 let p =
                     [i as f32 + a as f32, (row % ny) as f32 + b as f32, (row / ny) as f32 + uniform64(words[2]) as f32];
                 let incident = light.incident(p);
-                let column = light.column(p, &incident);
+                let column = if *interpolated { light.rough_column(p, &incident) } else { light.column(p, &incident) };
                 let density = light.density(p);
                 let scale = density * incident.falloff * volume / values[i].max(1e-38);
                 let weight =
@@ -206,7 +224,7 @@ pub fn cone_solid_angle(position: [f64; 3], size: [f64; 3]) -> f64 {
 }
 
 /// The voxels' shares of the first collisions: mean density times unscattered fluence at the centre.
-fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>) -> Option<(Kind<'a>, f64)> {
+fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>, interpolated: bool) -> Option<(Kind<'a>, f64)> {
     let volume = &scene.medium.volume;
     let n = volume.n();
     let extinction = scene.medium.extinction.rgb.map(|e| e as f32);
@@ -242,7 +260,7 @@ fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>) -> Option<(
             total
         })
         .collect();
-    let kind = Kind::FirstCollision { light: light.clone(), power, rows, extinction, volume: cubic };
+    let kind = Kind::FirstCollision { light: light.clone(), interpolated, power, rows, extinction, volume: cubic };
     (total > 0.0).then_some((kind, total))
 }
 

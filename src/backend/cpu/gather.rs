@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;
 /// A ray ends where its transmittance is below exp(-this).
-const OPAQUE: f32 = 16.0;
+const OPAQUE: f32 = 12.0;
 
 /// What the gather reads.
 pub struct Volumes<'a> {

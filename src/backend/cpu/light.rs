@@ -56,6 +56,7 @@ pub struct Illumination<'a> {
     h: V3,
     corners: Option<&'a [f32]>,
     rays: bool,
+    enough: f32,
 }
 
 impl<'a> Illumination<'a> {
@@ -84,6 +85,8 @@ impl<'a> Illumination<'a> {
             h: h.map(|c| c as f32),
             corners,
             rays: column == Column::Rays || corners.is_none(),
+            // What is behind 40 mean free paths is dark, in all channels.
+            enough: (40.0 / scene.medium.extinction.rgb.iter().fold(f64::INFINITY, |m, &e| m.min(e))) as f32,
         })
     }
 
@@ -132,7 +135,7 @@ impl<'a> Illumination<'a> {
     #[inline(always)]
     pub fn ray(&self, p: V3, incident: &Incident) -> f32 {
         let v: V3 = std::array::from_fn(|a| -incident.direction[a] / self.h[a]);
-        self.field.column(p, v, incident.distance)
+        self.field.column_up_to(p, v, incident.distance, self.enough)
     }
 
     /// Whether a voxel may hold any density.
