@@ -29,8 +29,6 @@ import numpy as np
 import pytest
 import truth
 
-pytestmark = pytest.mark.validation
-
 SHAPE, SPACING = (24, 20, 16), (0.3, 0.25, 0.5)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]  # x, y, z = 8, 5, 7.2
 LIGHT, INTENSITY = (20.0, 14.0, 16.0), 300.0

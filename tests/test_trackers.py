@@ -22,7 +22,9 @@ VIEW = truth.View((12, -6, 3), (2.4, 1.5, 2.6), (8, 6), fov=20)
 def cloud(kind="random"):
     rng = np.random.default_rng(61)
     density = np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE))
-    if kind == "spike":  # a voxel of optical depth 1e4: majorant / mean as high as one voxel can make it
+    if (
+        kind == "spike"
+    ):  # a voxel of optical depth 1e4: majorant / mean as high as one voxel can make it
         density = np.full(SHAPE, 0.02)
         density[2, 3, 3] = 1e4
     if kind == "smooth":

@@ -1,6 +1,6 @@
 """How fast it is: `make bench` prints one table, each peer timed in the same run.
 
-Errors are RMS differences from a converged run of another seed, the reference's own noise taken off,
+Errors are RMS differences from a converged run of another seed, the reference's noise taken off,
 over the mean, both over the pixels above 5 % of the maximum (as target_error counts).
 Mitsuba's time to an error is extrapolated from its measured variance, which falls as 1 / samples.
 """
@@ -11,9 +11,8 @@ import subprocess
 import sys
 import time
 
-import numpy as np
-
 import mcrt
+import numpy as np
 
 SIDE = 128
 EXTINCTION = 0.1
@@ -61,9 +60,7 @@ def bench_cloud():
     reference = mcrt.simulate(volume, **cloud_scene(view, photons=6e7, seed=99))
     truth, noise = reference.image(), reference.image_error()
     for photons in (5e5, 1.5e6):
-        result, seconds = timed(
-            mcrt.simulate, volume, **cloud_scene(view, photons=photons, seed=1)
-        )
+        result, seconds = timed(mcrt.simulate, volume, **cloud_scene(view, photons=photons, seed=1))
         image, gather = timed(result.image)
         error = relative_rms(image, truth, noise)
         stages = result.stats["seconds"]

@@ -121,6 +121,7 @@ struct Shot {
     batches: u64,
     photons: u64,
     stopped: Stopped,
+    warning: Option<String>,
 }
 
 impl Shot {
@@ -140,6 +141,7 @@ impl Shot {
             batches: 0,
             photons: 0,
             stopped: Stopped::Photons,
+            warning: None,
         }
     }
 }
@@ -251,13 +253,22 @@ fn batches<const C: usize, T: track::Tracker<C>>(
             }
         }
         let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
-        let error = settle::relative_error(plan, views, shot, occupancy, control);
-        if error <= target {
+        let (noise, bias) = settle::relative_error(plan, views, shot, occupancy, control);
+        if noise.hypot(bias) <= target {
             shot.stopped = Stopped::TargetError;
             return Ok(());
         }
-        // The error falls as the root of the photons; no more than eightfold at once, for it is itself an estimate.
-        let factor = ((error / target).powi(2) * 1.05).clamp(1.1, 8.0);
+        if bias > 0.9 * target && noise <= target {
+            shot.stopped = Stopped::TargetError;
+            shot.warning = Some(format!(
+                "target_error = {target} is out of reach: the bias of the voxels' size is {bias:.2e} (noise {noise:.2e}), \
+                 which more photons do not cure, but smaller voxels do"
+            ));
+            return Ok(());
+        }
+        // Noise falls as the root of the photons; no more than eightfold at once, for it is itself an estimate.
+        let room = (target * target - bias * bias).max(0.19 * target * target);
+        let factor = (noise * noise / room * 1.05).clamp(1.1, 8.0);
         goal = ((shot.batches as f64 * factor) as u64).div_ceil(round) * round;
     }
 }

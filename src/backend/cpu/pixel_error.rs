@@ -58,24 +58,30 @@ fn smooth(values: &[f32], n: [usize; 3], channels: usize) -> Vec<f32> {
     now
 }
 
-/// sqrt(mean(error^2 + bias^2)) / mean(value) of the worst channel, over the places above 5 % of the channel's maximum.
-pub fn relative(values: &[f32], errors: &[f32], bias: Option<&[f32]>, channels: usize) -> f64 {
-    let mut worst = 0.0f64;
+/// sqrt(mean(error^2)) and sqrt(mean(bias^2)) over mean(value), of the channel in which both together are worst, over the
+/// places above 5 % of the channel's maximum.
+pub fn relative(values: &[f32], errors: &[f32], bias: Option<&[f32]>, channels: usize) -> (f64, f64) {
+    let mut worst = (0.0f64, 0.0f64);
     for c in 0..channels {
         let pick = |list: &[f32], at: usize| f64::from(list[at * channels + c]);
         let places = values.len() / channels;
         let top = (0..places).map(|at| pick(values, at)).fold(0.0, f64::max);
-        let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
+        let (mut sum, mut noise, mut biased, mut count) = (0.0, 0.0, 0.0, 0.0);
         for at in 0..places {
             let value = pick(values, at);
             if value > 0.05 * top {
                 count += 1.0;
                 sum += value;
-                square += pick(errors, at).powi(2) + bias.map_or(0.0, |b| pick(b, at).powi(2));
+                noise += pick(errors, at).powi(2);
+                biased += bias.map_or(0.0, |b| pick(b, at).powi(2));
             }
         }
         if sum > 0.0 {
-            worst = worst.max((square / count).sqrt() / (sum / count));
+            let of = |square: f64| (square / count).sqrt() / (sum / count);
+            let here = (of(noise), of(biased));
+            if here.0.hypot(here.1) > worst.0.hypot(worst.1) {
+                worst = here;
+            }
         }
     }
     worst

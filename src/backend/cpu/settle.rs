@@ -95,6 +95,7 @@ pub(super) fn settle(
     let source = source.filter(|_| plan.settings.image && shot.has_scattered(plan));
     let (subvolumes, replicates) = replicates(&mut shot);
     let mut warnings = plan.warnings.clone();
+    warnings.extend(shot.warning.take());
     if plan.shoots() && count == 1 {
         warnings.push("one batch of photons only: standard errors are not known (infinite)".into());
     }
@@ -361,17 +362,17 @@ fn close(plan: &Plan, mut energy: Energy, direct: &Direct0) -> Energy {
     energy
 }
 
-/// The relative error that `target_error` bounds, as it stands.
+/// The relative noise and bias that `target_error` bounds together, as they stand.
 pub(super) fn relative_error(
     plan: &Plan,
     views: &[Option<Illumination>],
     shot: &mut Shot,
     occupancy: Option<&Occupancy>,
     control: &Control,
-) -> f64 {
+) -> (f64, f64) {
     let channels = plan.channels;
     if plan.layers.is_empty() || shot.batches < 2 {
-        return 0.0;
+        return (0.0, 0.0);
     }
     let over_pixels = plan.subvolumes > 0 && !(plan.settings.over_voxels && plan.settings.fluence);
     if !over_pixels {
