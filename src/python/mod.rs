@@ -115,7 +115,6 @@ fn plan<'py>(
 
 /// Runs a plan.
 #[pyfunction]
-#[pyo3(signature = (scene, settings, progress=None))]
 fn simulate<'py>(
     py: Python<'py>,
     scene: &Bound<'py, PyDict>,
