@@ -30,12 +30,13 @@ class Energy(Record):
 
     `missed` the volume, `unscattered` through it, `absorbed`, `truncated` at the last order,
     `roulette` (net, zero mean), `escaped` by face `-x +x -y +y -z +z` after at least one
-    scattering; `error` is the standard error of their sum. Each is tallied or integrated by
-    itself. Floats where the scene is grey, arrays of shape (3,) where it is RGB.
+    scattering; `error` is the standard error of their sum, or what it lacks of 1 if that is more.
+    Each is tallied or integrated by itself. Floats where the scene is grey,
+    arrays of shape (3,) where it is RGB.
     """
 
     def sum(self) -> float | np.ndarray:
-        """Sum of all fractions; 1 within `error`."""
+        """Sum of all fractions: 1 but for the errors of the run."""
         parts = ("missed", "unscattered", "absorbed", "truncated", "roulette")
         return sum(self[part] for part in parts) + sum(self["escaped"].values())
 
