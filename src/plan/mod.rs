@@ -78,7 +78,7 @@ pub struct LightPlan {
 /// How fluence is scored along a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Score {
-    /// weight / majorant at every tentative collision.
+    /// weight / majorant at every tentative collision, where these are frequent enough.
     Collisions,
     /// weight * length in every voxel.
     Track,
@@ -278,12 +278,6 @@ impl<'a> Plan<'a> {
         plan.memory = cost::memory(&plan);
         plan.seconds = cost::seconds(&plan);
         plan.decisions = why.decisions;
-        if !plan.layers.is_empty() && plan.tracker == Tracker::Woodcock && depth > 0.0 && depth < 1e-3 {
-            plan.warnings.push(format!(
-                "a voxel's optical depth is at most {depth:.1e}: collisions are rare and voxel errors large; \
-                 tracker=\"march\" scores every voxel that a photon crosses"
-            ));
-        }
         if depth > 1e5 {
             plan.warnings.push(format!(
                 "a voxel's optical depth reaches {depth:.1e}: beyond 1e5 positions in single precision no longer resolve \
@@ -563,7 +557,7 @@ fn choose_batches(
     per_second: f64,
 ) -> Result<(u64, Option<u64>)> {
     let round = subvolumes.max(8) as u64;
-    let worth = (voxels as u64 / 40).max(1);
+    let worth = (voxels as u64 / 20).max(1);
     match settings.photons {
         Some(photons) if photons < emitters => {
             scene_error(format!("photons = {photons} is not allowed; each of the {emitters} lights needs one at least"))

@@ -144,7 +144,9 @@ fn gather<const C: usize, const S: usize>(
 fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
     let volume = &scene.medium.volume;
     let (size, eye) = (volume.size(), volume.local(camera.origin));
-    let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt();
+    let radius = 0.5 * size.iter().map(|s| s * s).sum::<f64>().sqrt();
+    // From within, what is seen lies at about half the radius.
+    let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt().max(0.5 * radius);
     let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let voxels = camera.pixel_width(distance) / h;
     // Two rays per voxel resolve what is linear between centres; constant voxels have edges.

@@ -83,9 +83,12 @@ fn score_track<const C: usize, S: Scorer<C>>(
     word: u32,
     scorer: &mut S,
 ) {
+    let (mut t, end) = (0.0f32, t1 - t0);
+    if end <= 0.0 {
+        return;
+    }
     let from = along(p, v, t0);
     let mut cells = Dda::new(from, v, [0; 3], n);
-    let (mut t, end) = (0.0f32, t1 - t0);
     let mut word = word;
     loop {
         let (axis, exit) = cells.exit();
@@ -116,11 +119,23 @@ pub struct Woodcock<'a, const CHROMATIC: bool> {
     pub extinction: f32,
     /// Extinction of each channel over the largest.
     pub ratio: [f32; 3],
-    /// Whether voxels are scored at all, and for each empty cell whether its voxels are.
-    pub scores: bool,
-    /// See `scores`.
-    pub scored: Vec<bool>,
+    /// How each cell scores.
+    pub score: Vec<CellScore>,
 }
+
+/// How the voxels of a majorant cell are scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellScore {
+    /// Not at all.
+    Nothing,
+    /// weight / majorant at tentative collisions.
+    Collisions,
+    /// weight * length along the flight, where tentative collisions are rare or impossible.
+    Track,
+}
+
+/// Below this majorant optical depth per voxel a cell scores along the track: a collision estimate would be rare and large.
+const THIN: f64 = 0.3;
 
 impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
     /// From the plan's grid.
@@ -128,13 +143,22 @@ impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
         let medium = &plan.scene.medium;
         let field = Field::density(&medium.volume);
         let extinction = medium.extinction.rgb;
-        let scores = !plan.layers.is_empty();
-        // Without voxel outputs only what the gather interpolates matters: voxels next to some density.
-        let scored = if plan.settings.fluence || plan.settings.radiance {
-            vec![scores; grid.density.len()]
-        } else {
-            block_maxima(&medium.volume, grid.block, 2).iter().map(|&d| scores && d > 0.0).collect()
-        };
+        let voxels = plan.settings.fluence || plan.settings.radiance;
+        // For images only what the gather interpolates matters: voxels next to some density, weighted by it.
+        let near = (!voxels).then(|| block_maxima(&medium.volume, grid.block, 2));
+        let h = medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+        let score = (0..grid.density.len())
+            .map(|cell| {
+                let depth = f64::from(grid.density[cell]) * medium.extinction.max() * h;
+                match &near {
+                    _ if plan.layers.is_empty() => CellScore::Nothing,
+                    Some(near) if near[cell] == 0.0 => CellScore::Nothing,
+                    Some(_) if depth > 0.0 => CellScore::Collisions,
+                    None if depth >= THIN => CellScore::Collisions,
+                    _ => CellScore::Track,
+                }
+            })
+            .collect();
         let top = extinction.iter().fold(0.0f64, |m, &e| m.max(e));
         let majorant = grid.density.iter().map(|&d| (f64::from(d) * top * (1.0 + 1e-6)) as f32).collect();
         Woodcock {
@@ -144,8 +168,7 @@ impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
             block: grid.block as i32,
             extinction: top as f32,
             ratio: extinction.map(|e| if top > 0.0 { (e / top) as f32 } else { 0.0 }),
-            scores,
-            scored,
+            score,
         }
     }
 }
@@ -166,10 +189,15 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
             let majorant = self.majorant[cell];
             let (axis, exit) = cells.exit();
             let exit = exit.min(end);
+            let score = self.score[cell];
             if majorant > 0.0 {
                 let inverse = 1.0 / majorant;
                 loop {
                     let next = t + free * inverse;
+                    if score == CellScore::Track {
+                        let piece = (t, next.min(exit));
+                        score_track(self.field.n(), p, v, piece, w.get(), words[3], scorer);
+                    }
                     if next >= exit {
                         free -= (exit - t).max(0.0) * majorant;
                         free = free.max(0.0);
@@ -182,7 +210,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                         let high = ((c[a] + 1) * self.block).min(self.field.n()[a]) as f32;
                         (p[a] + v[a] * t).clamp(low, high * (1.0 - 6e-8))
                     });
-                    if self.scores {
+                    if score == CellScore::Collisions {
                         let voxel = self.field.index(at.map(|x| x as i32));
                         scorer.score(voxel, at, w.get().map(|x| x * inverse), rounding(words[3]));
                     }
@@ -200,7 +228,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                     words = draws.next4();
                     free = exponential(words[0], draws);
                 }
-            } else if self.scored[cell] && exit > t {
+            } else if score == CellScore::Track && exit > t {
                 score_track(self.field.n(), p, v, (t, exit), w.get(), words[3], scorer);
             }
             t = t.max(exit);
