@@ -149,9 +149,10 @@ fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
     let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt().max(0.5 * radius);
     let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let voxels = camera.pixel_width(distance) / h;
-    // Two rays per voxel resolve what is linear between centres; constant voxels have edges.
-    let (per_voxel, most) = if volume.linear() || volume.is_constant() { (2.0, 4.0) } else { (6.0, 6.0) };
-    (per_voxel * voxels).ceil().clamp(1.0, most) as usize
+    // Two rays per voxel resolve what is linear between centres; constant voxels have edges in any pixel.
+    let smooth = volume.linear() || volume.is_constant();
+    let (per_voxel, least, most) = if smooth { (2.0, 1.0, 4.0) } else { (6.0, 2.0, 6.0) };
+    (per_voxel * voxels).ceil().clamp(least, most) as usize
 }
 
 /// Everything along view rays that does not change from ray to ray.
