@@ -281,7 +281,8 @@ impl<'a> Field<'a> {
             self.visit(p, v, end, |cell, t0, t1| {
                 let corners = self.corners(cell);
                 let step = NODE * (t1 - t0);
-                let value = |t: f32| corners.at(local(along(p, v, t), cell));
+                let base: V3 = std::array::from_fn(|a| p[a] - (cell[a] as f32 + 0.5));
+                let value = |t: f32| corners.at(along(base, v, t));
                 sum += 0.5 * (t1 - t0) * (value(t0 + step) + value(t1 - step));
                 sum <= enough
             });
