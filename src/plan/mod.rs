@@ -224,7 +224,7 @@ impl<'a> Plan<'a> {
         } else {
             (0, Some(0))
         };
-        let sampled = batch_photons * batches.unwrap_or(0);
+        let sampled = settings.photons.unwrap_or(0);
         if shoots {
             why.push(
                 "photons",
