@@ -40,7 +40,7 @@ test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
 	$(BIN)/ruff format --check
 	$(BIN)/python -m mypy python/mcrt
 	$(BIN)/python -m mypy.stubtest mcrt._mcrt
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --nbmake tests notebooks/first_steps.ipynb
 
 bench: $(VENV)/.package
 	$(BIN)/python tests/bench/bench.py
