@@ -2,10 +2,12 @@
 //! decided here, once; the backends only follow.
 
 pub mod cost;
+mod lights;
 pub mod majorant;
 mod probe;
 pub mod settings;
 
+pub use lights::{Column, Direct, Emission, LightPlan};
 pub use majorant::MajorantGrid;
 pub use settings::{Method, Settings, Tracker};
 
@@ -22,57 +24,6 @@ pub struct Decision {
     pub choice: String,
     /// Why, with its number.
     pub reason: String,
-}
-
-/// Where the photons of a light start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Emission {
-    /// None are shot: order 0 and 1 are all that is wanted of this light.
-    Nothing,
-    /// At the light; orders 0 and up are walked.
-    AtLight,
-    /// At the first collision, drawn from the light grid.
-    FirstCollision,
-}
-
-/// How the unscattered light of a light is found in voxels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Direct {
-    /// By Gauss points in each voxel.
-    Quadrature {
-        /// Points per axis.
-        points: usize,
-        /// A light ray from each point, rather than the corners' columns put right by one ray from the centre.
-        rays: bool,
-    },
-    /// Exactly, along a pencil beam.
-    Beam,
-    /// By photons.
-    Sampled,
-}
-
-/// How the optical depth towards a light is found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Column {
-    /// Interpolated between voxel corners.
-    Corners,
-    /// By a light ray from every point.
-    Rays,
-}
-
-/// What happens with one light.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LightPlan {
-    /// Where its photons start.
-    pub emission: Emission,
-    /// How its order 0 is found.
-    pub direct: Direct,
-    /// How the optical depth towards it is found.
-    pub column: Column,
-    /// Relative error of an order 1 image if that were interpolated.
-    pub interpolation_error: f64,
-    /// Whether first collisions are weighed with the interpolated depth.
-    pub interpolated_starts: bool,
 }
 
 /// How fluence is scored along a flight.
@@ -149,14 +100,6 @@ pub struct Plan<'a> {
     pub warnings: Vec<String>,
 }
 
-/// Above this relative error of an order 1 image the optical depth towards a light is not interpolated between corners.
-const INTERPOLATION_ERROR: f64 = 0.005;
-/// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has
-/// forgotten most of it.
-const START_ERROR: f64 = 0.01;
-/// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
-const FIRST_COLLISION_DEPTH: f64 = 1.0;
-
 impl<'a> Plan<'a> {
     /// Decides everything that the scene and the settings decide.
     pub fn new(scene: &'a Scene<'a>, settings: &Settings) -> Result<Self> {
@@ -193,7 +136,7 @@ impl<'a> Plan<'a> {
         );
         let shoots_scattered = method == Method::Photon && scatters && orders > 0;
         let lights: Vec<LightPlan> =
-            scene.lights.iter().map(|light| plan_light(scene, light, depth, shoots_scattered)).collect();
+            scene.lights.iter().map(|light| lights::plan_light(scene, light, depth, shoots_scattered)).collect();
         for (light, plan) in scene.lights.iter().zip(&lights) {
             why.light(light, plan, depth);
         }
@@ -366,7 +309,7 @@ impl Explain {
     }
 }
 
-/// The largest optical depth of a voxel along an axis along which the volume has more than one voxel.
+/// The largest optical depth that a voxel can have along an axis.
 fn voxel_depth(scene: &Scene) -> f64 {
     let volume = &scene.medium.volume;
     let h = volume.spacing().into_iter().fold(0.0, f64::max);
@@ -397,66 +340,6 @@ fn choose_method(
     };
     why.push("method", if method == Method::Single { "single" } else { "photon" }.into(), reason);
     Ok(method)
-}
-
-fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPlan {
-    let volume = &scene.medium.volume;
-    let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
-    match light {
-        Light::Environment { .. } => LightPlan {
-            emission: Emission::AtLight,
-            direct: Direct::Sampled,
-            column: Column::Corners,
-            interpolation_error: 0.0,
-            interpolated_starts: false,
-        },
-        Light::Pencil { .. } => LightPlan {
-            emission: at_light,
-            direct: Direct::Beam,
-            column: Column::Rays,
-            interpolation_error: 0.0,
-            interpolated_starts: false,
-        },
-        Light::Point { .. } | Light::Directional { .. } => {
-            let near = match light {
-                Light::Point { position, .. } => {
-                    let (p, size, h) = (volume.local(*position), volume.size(), volume.spacing());
-                    (0..3).all(|a| p[a] > -2.0 * h[a] && p[a] < size[a] + 2.0 * h[a])
-                }
-                _ => false,
-            };
-            let first = shoots && !near && depth <= FIRST_COLLISION_DEPTH;
-            let emission = if first { Emission::FirstCollision } else { at_light };
-            // Rays through constant density have a closed form: no grid is as cheap.
-            let constant = volume.is_constant();
-            let interpolation_error = if constant { 0.0 } else { probe::interpolation_error(scene, light) };
-            let rays = constant || interpolation_error > INTERPOLATION_ERROR;
-            let column = if rays { Column::Rays } else { Column::Corners };
-            let direct = choose_quadrature(depth, volume.voxels(), constant);
-            let interpolated_starts = !constant && interpolation_error <= START_ERROR;
-            LightPlan { emission, direct, column, interpolation_error, interpolated_starts }
-        }
-    }
-}
-
-/// As many points per voxel as its depth needs, and more where they cost nothing to speak of: kinks of the depth behind
-/// the box's edges are then averaged. A light ray for each where that is affordable.
-fn choose_quadrature(depth: f64, voxels: usize, constant: bool) -> Direct {
-    let needed = match depth {
-        d if d <= 0.15 => 1,
-        d if d <= 1.5 => 2,
-        d if d <= 3.0 => 3,
-        d if d <= 6.0 => 4,
-        d if d <= 12.0 => 8,
-        _ => 16,
-    };
-    // In constant density a ray has a closed form.
-    let affordable = if constant { 2e7 } else { 4e6 };
-    let spare = ((affordable / voxels as f64).cbrt() as usize).clamp(1, 4);
-    let points = spare.max(needed);
-    let cost = (points as f64).powi(3) * voxels as f64;
-    let rays = constant || cost <= affordable;
-    Direct::Quadrature { points, rays }
 }
 
 fn choose_tracker(

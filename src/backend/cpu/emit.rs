@@ -100,7 +100,6 @@ impl<'a> Emitter<'a> {
             }
             (_, Light::Environment { .. }) => (Kind::Environment { faces: areas }, light.launched(size) * top),
         };
-        let direction_of_pencil = matches!(light, Light::Pencil { .. });
         let colour = light.value().rgb.map(|v| (v / top) as f32);
         let emitter = Emitter {
             kind,
@@ -110,7 +109,7 @@ impl<'a> Emitter<'a> {
             n: volume.n().map(|m| m as i32),
             h,
         };
-        (power > 0.0 && (power.is_finite() || direction_of_pencil)).then_some(emitter)
+        (power > 0.0).then_some(emitter)
     }
 
     /// The start of a photon; `u` within (0, 1) is stratified over the emitter's photons.
