@@ -1,6 +1,6 @@
 //! What holds for every phase function: one row each in `all`, and every test loops over the rows.
 
-use mcrt::physics::{Lanes, Phase, Real};
+use mcrt::physics::Phase;
 use std::f64::consts::PI;
 
 fn all() -> Vec<(&'static str, Phase)> {
@@ -100,19 +100,12 @@ fn chi_square_of_the_samples_in_f32() {
 }
 
 #[test]
-fn f32_and_lanes_are_twins_of_f64() {
+fn f32_is_a_twin_of_f64() {
     for (name, phase) in all() {
-        for chunk in spread(4096).collect::<Vec<_>>().chunks(8) {
-            let single: [f32; 8] = std::array::from_fn(|i| chunk[i] as f32);
-            let lanes = phase.sample(Lanes(single));
-            let density = phase.pdf(lanes.0);
-            for i in 0..8 {
-                let exact = phase.sample(f64::from(single[i])).0;
-                let (cos_theta, sin_theta) = phase.sample(single[i]);
-                assert!((f64::from(cos_theta) - exact).abs() < 1e-4, "{name}: {cos_theta} for {exact}");
-                assert_eq!((lanes.0.0[i], lanes.1.0[i]), (cos_theta, sin_theta), "{name}");
-                assert_eq!(density.0[i], phase.pdf(cos_theta), "{name}");
-            }
+        for xi in spread(4096) {
+            let exact = phase.sample(f64::from(xi as f32)).0;
+            let (cos_theta, _) = phase.sample(xi as f32);
+            assert!((f64::from(cos_theta) - exact).abs() < 1e-4, "{name}: {cos_theta} for {exact}");
         }
     }
 }
@@ -158,12 +151,4 @@ fn bad_phase_functions_are_refused() {
     ] {
         assert!(Phase::tabulated(&cosines, &values).is_err(), "{cosines:?} {values:?}");
     }
-}
-
-#[test]
-fn lanes_select_and_look_up() {
-    let x = Lanes([1.0f32, -2.0, 3.5, 0.0]);
-    let zero = Lanes::of(0.0);
-    assert_eq!(Lanes::select(x.lt(zero), zero, x), Lanes([1.0, 0.0, 3.5, 0.0]));
-    assert_eq!(Lanes([0.2, 1.9, 2.0, 3.0]).lookup(&[5.0, 6.0, 7.0, 8.0]), Lanes([5.0, 6.0, 7.0, 8.0]));
 }

@@ -1,4 +1,4 @@
-//! Pure, allocation-free formulas, generic over [`Real`]: `f64` is the truth, `f32` and [`Lanes`] are what kernels run.
+//! Pure, allocation-free formulas, generic over [`Real`]: `f64` is the truth, `f32` what kernels run.
 //! Randomness enters as uniform numbers `xi`; nothing here knows of scenes, grids or threads.
 
 pub mod flight;
@@ -8,4 +8,4 @@ pub mod real;
 pub mod rng;
 
 pub use phase::Phase;
-pub use real::{Lanes, Real};
+pub use real::Real;

@@ -2,7 +2,7 @@
 //! cosine between the directions of travel before and after, so `g > 0` scatters forward.
 //!
 //! To add one: a variant here, its arms in `pdf`, `sample` and `mean_cosine`, and a row in `tests/phase.rs`, whose tests
-//! (normalisation, mean cosine, chi-square of the samples, twins in f32 and lanes) loop over all rows.
+//! (normalisation, mean cosine, chi-square of the samples, twins in f32) loop over all rows.
 
 use super::Real;
 use crate::error::{Result, scene_error};
