@@ -86,7 +86,7 @@ fn chi_square_of_the_samples_in_f32() {
         let edges: Vec<f64> = (1..64).map(|i| phase.sample(f64::from(i) / 64.0).0).collect();
         let n = 1u32 << 18;
         let mut counts = [0u32; 64];
-        let mut draws = mcrt::physics::rng::Draws::new(7, 0, 0);
+        let mut draws = mcrt::physics::rng::Draws::new([7, 0], 0, 0);
         for _ in 0..n / 4 {
             for word in draws.next4() {
                 let cos_theta: f32 = phase.sample(mcrt::physics::rng::uniform(word)).0;

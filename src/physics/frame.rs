@@ -24,6 +24,15 @@ pub fn rotate<R: Real>(w: [R; 3], cos_theta: R, sin_theta: R, xi: R) -> [R; 3] {
     d.map(|c| c * scale)
 }
 
+/// A direction uniform over the sphere, from its cosine to z, 1 - 2 `xi`, and its azimuth, 2 pi `turn`.
+#[inline(always)]
+pub fn sphere<R: Real>(xi: R, turn: R) -> [R; 3] {
+    let z = R::of(1.0) - R::of(2.0) * xi;
+    let r = (R::of(4.0) * xi * (R::of(1.0) - xi)).max(R::of(0.0)).sqrt();
+    let (sin_phi, cos_phi) = turn.sin_cos_turn();
+    [r * cos_phi, r * sin_phi, z]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -120,6 +120,49 @@ impl Phase {
     }
 }
 
+impl Phase {
+    /// [`Phase::sample`] in `N` lanes: (cos theta, sin theta) of each. The kind is looked at once, so that the loops are free
+    /// of branches.
+    #[inline(always)]
+    pub fn sample_lanes<const N: usize>(&self, xi: &[f32; N]) -> ([f32; N], [f32; N]) {
+        match self {
+            Phase::Isotropic => pairs(xi, |xi| with_sine(2.0 * (1.0 - xi))),
+            Phase::Rayleigh => pairs(xi, rayleigh_sample),
+            Phase::HenyeyGreenstein { g } => pairs(xi, |xi| henyey_greenstein_sample(*g, xi)),
+            Phase::Tabulated(table) => pairs(xi, |xi| with_sine(1.0 - table.sample(xi))),
+        }
+    }
+
+    /// [`Phase::pdf`] in `N` lanes.
+    #[inline(always)]
+    pub fn pdf_lanes<const N: usize>(&self, cos_theta: &[f32; N]) -> [f32; N] {
+        match self {
+            Phase::Isotropic => [0.25 * std::f32::consts::FRAC_1_PI; N],
+            Phase::Rayleigh => each(cos_theta, |c| Phase::Rayleigh.pdf(c)),
+            Phase::HenyeyGreenstein { g } => each(cos_theta, |c| henyey_greenstein_pdf(*g, c)),
+            Phase::Tabulated(table) => each(cos_theta, |c| table.pdf(c)),
+        }
+    }
+}
+
+#[inline(always)]
+fn each<const N: usize>(x: &[f32; N], f: impl Fn(f32) -> f32) -> [f32; N] {
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = f(x[i]);
+    }
+    out
+}
+
+#[inline(always)]
+fn pairs<const N: usize>(x: &[f32; N], f: impl Fn(f32) -> (f32, f32)) -> ([f32; N], [f32; N]) {
+    let mut out = ([0.0; N], [0.0; N]);
+    for i in 0..N {
+        (out.0[i], out.1[i]) = f(x[i]);
+    }
+    out
+}
+
 /// (cos theta, sin theta) from 1 - cos theta, which keeps its precision in a forward peak.
 #[inline(always)]
 fn with_sine<R: Real>(one_minus_cos: R) -> (R, R) {

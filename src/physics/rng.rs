@@ -20,6 +20,18 @@ fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2], rounds: usize) -> [u32; 
     counter
 }
 
+/// Four random words: block `block` of the photon `index` under `seed`, a pure function of its arguments.
+#[inline(always)]
+pub fn words(seed: [u32; 2], index: [u32; 2], block: u32, purpose: u32) -> [u32; 4] {
+    philox4x32([index[0], index[1], block, purpose], seed, ROUNDS)
+}
+
+/// A 64-bit number as two words, the lower first.
+#[inline(always)]
+pub fn split(number: u64) -> [u32; 2] {
+    [number as u32, (number >> 32) as u32]
+}
+
 /// The random numbers of one photon: block after block of four words.
 #[derive(Debug, Clone, Copy)]
 pub struct Draws {
@@ -30,23 +42,24 @@ pub struct Draws {
 }
 
 impl Draws {
-    /// The draws of photon `index` under `seed`; `purpose` separates uses that must not share numbers.
+    /// The draws of photon `index` under `seed` ([`split`]); `purpose` separates uses that must not share numbers.
     #[inline(always)]
-    pub fn new(seed: u64, index: u64, purpose: u32) -> Self {
-        Draws {
-            key: [seed as u32, (seed >> 32) as u32],
-            index: [index as u32, (index >> 32) as u32],
-            block: 0,
-            purpose,
-        }
+    pub fn new(seed: [u32; 2], index: u64, purpose: u32) -> Self {
+        Draws { key: seed, index: split(index), block: 0, purpose }
+    }
+
+    /// Blocks used so far.
+    #[inline(always)]
+    pub fn block(&self) -> u32 {
+        self.block
     }
 
     /// The next four words.
     #[inline(always)]
     pub fn next4(&mut self) -> [u32; 4] {
-        let words = philox4x32([self.index[0], self.index[1], self.block, self.purpose], self.key, ROUNDS);
+        let four = words(self.key, self.index, self.block, self.purpose);
         self.block = self.block.wrapping_add(1);
-        words
+        four
     }
 }
 
@@ -96,7 +109,7 @@ mod tests {
 
     #[test]
     fn exponential_reaches_beyond_the_precision_of_one_word() {
-        let mut draws = Draws::new(1, 2, 3);
+        let mut draws = Draws::new([1, 0], 2, 3);
         assert!(exponential(0, &mut draws) > 22.18);
         assert!(exponential(u32::MAX, &mut draws) >= 0.0);
     }

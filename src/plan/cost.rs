@@ -33,7 +33,7 @@ pub fn memory(plan: &Plan) -> Memory {
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
     let wants_source = u64::from(plan.wants_source());
-    let moments = if !plan.shoots() {
+    let moments = if !plan.shoots() || !plan.keeps_moments() {
         0
     } else if plan.one_moment() {
         1

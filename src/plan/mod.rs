@@ -254,6 +254,11 @@ impl<'a> Plan<'a> {
         self.scene.medium.phase.is_isotropic() && self.orders == u32::MAX
     }
 
+    /// Whether means and variances of voxels are kept; images alone need no more than the replicates' sums.
+    pub fn keeps_moments(&self) -> bool {
+        self.settings.fluence || self.settings.radiance || self.subvolumes == 0
+    }
+
     /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).
     pub fn wants_source(&self) -> bool {
         self.orders > 0 && (self.settings.radiance || self.settings.image)
@@ -440,20 +445,21 @@ fn choose_batches(
     per_second: f64,
 ) -> Result<(u64, Option<u64>)> {
     let round = subvolumes.max(8) as u64;
-    let worth = (voxels as u64 / 20).max(1);
+    // Each fold costs as much as a few photons per voxel of its sweep.
+    let worth = (voxels as u64 / 4).max(1);
     match settings.photons {
         Some(photons) if photons < emitters => {
             scene_error(format!("photons = {photons} is not allowed; each of the {emitters} lights needs one at least"))
         }
         Some(photons) => {
             // Batches are short beside a second, so that a run can stop at any time with what it has.
-            let least = photons.div_ceil(worth.max(65_536));
+            let least = photons.div_ceil(worth.max(1 << 18));
             let batches = (photons / worth).clamp(round, 64).max(least).div_ceil(round) * round;
             let batches = batches.min(photons / emitters);
             Ok((photons.div_ceil(batches), Some(batches)))
         }
         None => {
-            let mut size = worth.clamp(8192, 1 << 22);
+            let mut size = (worth / 4).clamp(8192, 1 << 22);
             if let Some(limit) = settings.time_limit {
                 size = size.min(((per_second * limit / 32.0) as u64).max(256));
             }

@@ -6,7 +6,7 @@ mod watch;
 use crate::backend::cpu::gather::{Volumes, background, image};
 use crate::backend::cpu::{self, pixel_error};
 use crate::physics::Phase;
-use crate::physics::rng::{Draws, uniform64};
+use crate::physics::rng::{Draws, split, uniform64};
 use crate::plan::{Column, Plan, cost};
 use crate::result::{Outcome, Share, Stopped};
 use crate::scene::Camera;
@@ -64,7 +64,7 @@ fn phase_sample<'py>(
     seed: u64,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let phase: Phase = convert::phase(spec)?;
-    let draw = |i| phase.sample(uniform64(Draws::new(seed, i, 1).next4()[0])).0;
+    let draw = |i| phase.sample(uniform64(Draws::new(split(seed), i, 1).next4()[0])).0;
     Ok(PyArray1::from_vec(py, (0..n).map(draw).collect()))
 }
 

@@ -187,6 +187,12 @@ impl<'a> Field<'a> {
         self.n
     }
 
+    /// All values, x fastest.
+    #[inline(always)]
+    pub fn values(&self) -> &'a [f32] {
+        self.values
+    }
+
     /// Whether values are interpolated.
     #[inline(always)]
     pub fn linear(&self) -> bool {

@@ -2,6 +2,7 @@
 
 use super::light::{Illumination, beam_entry};
 use super::track::enter;
+use crate::physics::Real;
 use crate::physics::flight::box_solid_angle;
 use crate::physics::frame::rotate;
 use crate::physics::rng::{Draws, uniform64};
@@ -36,29 +37,78 @@ pub enum Start {
 
 /// How an emitter places its photons.
 enum Kind<'a> {
-    Point {
-        position: [f64; 3],
-        axis: [f64; 3],
-        cap: f64,
-    },
-    Pencil {
-        p: V3,
-    },
-    Directional {
-        direction: [f64; 3],
-        faces: [f64; 3],
-    },
-    Environment {
-        faces: [f64; 3],
-    },
-    FirstCollision {
-        light: Illumination<'a>,
-        interpolated: bool,
-        power: Vec<f32>,
-        rows: Vec<f64>,
-        extinction: [f32; 3],
-        volume: f32,
-    },
+    Point { position: [f64; 3], axis: [f64; 3], cap: f64 },
+    Pencil { p: V3 },
+    Directional { direction: [f64; 3], faces: [f64; 3] },
+    Environment { faces: [f64; 3] },
+    FirstCollision(FirstCollisions<'a>),
+}
+
+/// The distribution of a light's first collisions over the voxels, from which they are drawn by systematic sampling.
+pub struct FirstCollisions<'a> {
+    light: Illumination<'a>,
+    interpolated: bool,
+    /// Each voxel's share.
+    power: Vec<f32>,
+    /// Sums of the shares up to the end of each row along x.
+    rows: Vec<f64>,
+    extinction: [f32; 3],
+    volume: f32,
+    n: [usize; 2],
+}
+
+/// How far the search for voxels has come: it goes on from here, for photons come in the order of their voxels.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Cursor {
+    started: bool,
+    row: usize,
+    i: usize,
+    /// Sum of the row's shares before i.
+    sum: f64,
+}
+
+impl FirstCollisions<'_> {
+    /// The voxel at the part `u` of all collisions, and its share; `u` must not fall from call to call of one cursor. The
+    /// result does not depend on where the cursor set out.
+    #[inline(always)]
+    pub fn find(&self, cursor: &mut Cursor, u: f64) -> ([usize; 3], f32) {
+        let target = u * self.rows[self.rows.len() - 1];
+        if !cursor.started {
+            let row = self.rows.partition_point(|&sum| sum <= target).min(self.rows.len() - 1);
+            *cursor = Cursor { started: true, row, i: 0, sum: 0.0 };
+        }
+        while self.rows[cursor.row] <= target && cursor.row + 1 < self.rows.len() {
+            *cursor = Cursor { started: true, row: cursor.row + 1, i: 0, sum: 0.0 };
+        }
+        let row = cursor.row;
+        let rest = target - if row > 0 { self.rows[row - 1] } else { 0.0 };
+        let [nx, ny] = self.n;
+        let values = &self.power[row * nx..(row + 1) * nx];
+        while cursor.i + 1 < nx && (rest >= cursor.sum + f64::from(values[cursor.i]) || values[cursor.i] == 0.0) {
+            cursor.sum += f64::from(values[cursor.i]);
+            cursor.i += 1;
+        }
+        // Rounding may run over the end of the row onto a voxel without power: back to one with.
+        let mut i = cursor.i;
+        while values[i] == 0.0 && i > 0 {
+            i -= 1;
+        }
+        ([i, row % ny, row / ny], values[i])
+    }
+
+    /// The direction of the light at a point of a voxel with the given share, and the weight there by channel.
+    #[inline(always)]
+    pub fn arrive(&self, p: V3, share: f32) -> (V3, [f32; 3]) {
+        let incident = self.light.incident(p);
+        let column =
+            if self.interpolated { self.light.rough_column(p, &incident) } else { self.light.column(p, &incident) };
+        let scale = self.light.density(p) * incident.falloff * self.volume / share.max(1e-38);
+        let light = &self.light;
+        let weight = std::array::from_fn(|c| {
+            self.extinction[c] * light.value[c] * Real::exp(-self.extinction[c] * column) * scale
+        });
+        (incident.direction, weight)
+    }
 }
 
 /// A light as the walk sees it.
@@ -148,32 +198,22 @@ impl<'a> Emitter<'a> {
                 let direction = rotate(inward, b.sqrt(), (1.0 - b).sqrt(), uniform64(words[2]));
                 Start::Flight { p: p.map(|c| c as f32), direction: direction.map(|c| c as f32) }
             }
-            Kind::FirstCollision { light, interpolated, power, rows, extinction, volume } => {
-                let target = u * rows[rows.len() - 1];
-                let row = rows.partition_point(|&sum| sum <= target).min(rows.len() - 1);
-                let nx = self.n[0] as usize;
-                let mut rest = target - if row > 0 { rows[row - 1] } else { 0.0 };
-                let values = &power[row * nx..(row + 1) * nx];
-                let mut i = 0;
-                while i + 1 < nx && (rest >= f64::from(values[i]) || values[i] == 0.0) {
-                    rest -= f64::from(values[i]);
-                    i += 1;
-                }
-                // Rounding may run over the end of the row onto a voxel without power: back to one with.
-                while values[i] == 0.0 && i > 0 {
-                    i -= 1;
-                }
-                let ny = self.n[1] as usize;
-                let p =
-                    [i as f32 + a as f32, (row % ny) as f32 + b as f32, (row / ny) as f32 + uniform64(words[2]) as f32];
-                let incident = light.incident(p);
-                let column = if *interpolated { light.rough_column(p, &incident) } else { light.column(p, &incident) };
-                let density = light.density(p);
-                let scale = density * incident.falloff * volume / values[i].max(1e-38);
-                let weight =
-                    std::array::from_fn(|c| extinction[c] * light.value[c] * (-extinction[c] * column).exp() * scale);
-                Start::Collision { p, direction: incident.direction, weight }
+            Kind::FirstCollision(first) => {
+                let (voxel, share) = first.find(&mut Cursor::default(), u);
+                let place = [a as f32, b as f32, uniform64(words[2]) as f32];
+                let p = std::array::from_fn(|k| voxel[k] as f32 + place[k]);
+                let (direction, weight) = first.arrive(p, share);
+                Start::Collision { p, direction, weight }
             }
+        }
+    }
+
+    /// The first collisions, where photons start at these.
+    #[inline(always)]
+    pub fn first_collisions(&self) -> Option<&FirstCollisions<'a>> {
+        match &self.kind {
+            Kind::FirstCollision(first) => Some(first),
+            _ => None,
         }
     }
 
@@ -259,8 +299,9 @@ fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>, interpolate
             total
         })
         .collect();
-    let kind = Kind::FirstCollision { light: light.clone(), interpolated, power, rows, extinction, volume: cubic };
-    (total > 0.0).then_some((kind, total))
+    let light = light.clone();
+    let first = FirstCollisions { light, interpolated, power, rows, extinction, volume: cubic, n: [n[0], n[1]] };
+    (total > 0.0).then_some((Kind::FirstCollision(first), total))
 }
 
 /// The mean density over a voxel: its own, or with interpolation the exact mean of the trilinear function, which is

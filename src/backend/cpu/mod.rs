@@ -2,10 +2,12 @@
 
 pub mod emit;
 pub mod gather;
+pub mod lanes;
 pub mod light;
 pub mod pixel_error;
 mod settle;
 pub mod shoot;
+pub mod simd;
 pub mod track;
 
 use crate::backend::Control;
@@ -18,7 +20,7 @@ use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use emit::Emitter;
 use light::Illumination;
 use rayon::prelude::*;
-use shoot::{Energies, Walk};
+use shoot::{Energies, Engine, OneByOne, Walk};
 use track::{Analytic, March, Woodcock};
 
 /// Runs `work` on a pool of the given number of threads.
@@ -128,12 +130,13 @@ impl Shot {
     fn new(plan: &Plan) -> Self {
         let values = if plan.shoots() { plan.scene.medium.volume.voxels() * plan.channels } else { 0 };
         let has = |layer| plan.layers.contains(&layer);
-        let wants_source = plan.wants_source() && !plan.one_moment();
-        let wants_fluence = plan.settings.fluence || plan.one_moment();
+        let keeps = plan.keeps_moments() && !plan.layers.is_empty();
+        let wants_source = keeps && plan.wants_source() && !plan.one_moment();
+        let wants_fluence = keeps && (plan.settings.fluence || plan.one_moment());
         let sampled0 = has(Layer::Unscattered) || has(Layer::EyeUnscattered);
         Shot {
-            fluence: Moments::new(if wants_fluence && !plan.layers.is_empty() { values } else { 0 }),
-            source: Moments::new(if wants_source && !plan.layers.is_empty() { values } else { 0 }),
+            fluence: Moments::new(if wants_fluence { values } else { 0 }),
+            source: Moments::new(if wants_source { values } else { 0 }),
             source0: vec![0.0; if sampled0 && plan.wants_source() { values } else { 0 }],
             subvolumes: vec![vec![0.0; values]; plan.subvolumes],
             subvolume_batches: vec![0; plan.subvolumes],
@@ -161,19 +164,24 @@ where
     let field = Field::density(&medium.volume);
     let scores = !plan.layers.is_empty();
     let extinction = medium.extinction.rgb;
+    let simd = std::env::var("MCRT_SIMD").ok().and_then(|s| s.parse().ok()).unwrap_or(simd::Simd::best());
+    if simd != simd::Simd::Scalar && plan.tracker != Tracker::March {
+        let engine = lanes::Laned::<C>::new(plan, simd);
+        return batches::<C>(plan, &engine, emitters, views, occupancy, control, shot);
+    }
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {
             let tracker = Woodcock::<false>::new(plan, grid);
-            batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
+            batches::<C>(plan, &OneByOne::<_, C>(tracker), emitters, views, occupancy, control, shot)
         }
         (Tracker::Analytic, _) => {
             let sigma_t = medium.max_sigma_t() as f32;
             let tracker = Analytic { n: field.n(), sigma_t, score: plan.score, scores };
-            batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
+            batches::<C>(plan, &OneByOne::<_, C>(tracker), emitters, views, occupancy, control, shot)
         }
         _ => {
             let tracker = March::<false> { field, extinction: extinction.map(|e| e as f32), scores };
-            batches::<C, _>(plan, tracker, emitters, views, occupancy, control, shot)
+            batches::<C>(plan, &OneByOne::<_, C>(tracker), emitters, views, occupancy, control, shot)
         }
     }
 }
@@ -193,11 +201,11 @@ fn shoot_chromatic(
     match &plan.majorant {
         Some(grid) => {
             let tracker = Woodcock::<true>::new(plan, grid);
-            batches::<3, _>(plan, tracker, emitters, views, occupancy, control, shot)
+            batches::<3>(plan, &OneByOne::<_, 3>(tracker), emitters, views, occupancy, control, shot)
         }
         None => {
             let tracker = March::<true> { field, extinction: extinction.map(|e| e as f32), scores };
-            batches::<3, _>(plan, tracker, emitters, views, occupancy, control, shot)
+            batches::<3>(plan, &OneByOne::<_, 3>(tracker), emitters, views, occupancy, control, shot)
         }
     }
 }
@@ -210,9 +218,9 @@ fn bin_unit(plan: &Plan) -> f64 {
 }
 
 /// Walks batch after batch until the plan, the target, the clock or the user says stop.
-fn batches<const C: usize, T: track::Tracker<C>>(
+fn batches<const C: usize>(
     plan: &Plan,
-    tracker: T,
+    engine: &impl Engine,
     emitters: &[(Emitter, Light)],
     views: &[Option<Illumination>],
     occupancy: Option<&Occupancy>,
@@ -224,7 +232,7 @@ fn batches<const C: usize, T: track::Tracker<C>>(
     let mut bins: Vec<Vec<Bins>> =
         plan.layers.iter().map(|_| (0..sets).map(|_| Bins::new(values, sets == 1)).collect()).collect();
     let unit = bin_unit(plan);
-    let mut walk = Walk { plan, tracker, emitters, bins: Vec::new(), sets, unit: unit as f32 };
+    let mut walk = Walk { plan, emitters, bins: Vec::new(), sets, unit: unit as f32 };
     let power: f64 = emitters.iter().map(|e| e.0.power).sum();
     let round = plan.subvolumes.max(8) as u64;
     let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
@@ -233,7 +241,7 @@ fn batches<const C: usize, T: track::Tracker<C>>(
             let photons = plan.photons_of(shot.batches);
             // Two batches make an error bar: until then the clock does not cut a batch short.
             walk.bins = std::mem::take(&mut bins);
-            let finished = walk.batch::<C>(shot.photons, photons, control, shot.batches >= 2);
+            let finished = walk.batch(engine, shot.photons, photons, control, shot.batches >= 2);
             bins = std::mem::take(&mut walk.bins);
             let Some(energies) = finished else {
                 shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
@@ -305,10 +313,12 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     drains.into_par_iter().zip(fluence).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
         |(at, ((((drains, fluence), source), source0), subvolume))| {
             let len = BLOCK.min(values - at * BLOCK);
-            // Fluence, J of incident order 0, and J of all orders that images see.
-            let mut sums = [vec![0.0f64; len], vec![0.0f64; len], vec![0.0f64; len]];
+            // Fluence, J of incident order 0, and J of all orders that images see; those that somebody wants.
+            let wanted = [fluence.is_some(), source0.is_some(), source.is_some() || subvolume.is_some()];
+            let mut sums = wanted.map(|wanted| vec![0.0f64; if wanted { len } else { 0 }]);
+            let mut units = vec![0.0f64; len];
             for (layer, mut block) in drains {
-                let mut units = vec![0.0f64; len];
+                units.fill(0.0);
                 block.drain(&mut units);
                 let goes: &[(usize, f64)] = match layer {
                     Layer::Unscattered => &[(0, 1.0), (1, per_sphere), (2, per_sphere)],

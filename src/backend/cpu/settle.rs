@@ -57,7 +57,11 @@ pub(super) fn settle(
     let (mut source, mut source_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
     if tallied && plan.wants_source() {
         let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
-        source = Some(moments.mean.par_iter().map(|x| (*x as f32) * scale).collect::<Vec<f32>>());
+        source = Some(if plan.keeps_moments() {
+            moments.mean.par_iter().map(|x| (*x as f32) * scale).collect()
+        } else {
+            mean_of_sums(&shot.subvolumes, count)
+        });
         source_error.par_iter_mut().zip(&moments.m2).for_each(|(e, m2)| *e = scale * Moments::error(*m2, count));
     }
     shot.fluence = Moments::default();
@@ -139,6 +143,13 @@ fn replicates(shot: &mut Shot) -> (Option<Vec<f32>>, usize) {
     let means = interleaved(&shot.subvolumes[..used], &shot.subvolume_batches[..used]);
     shot.subvolumes = Vec::new();
     (Some(means), used)
+}
+
+/// The mean over all batches, from the sums of the replicates.
+fn mean_of_sums(sums: &[Vec<f32>], batches: u64) -> Vec<f32> {
+    let scale = 1.0 / batches as f64;
+    let mean = |at: usize| (sums.iter().map(|sum| f64::from(sum[at])).sum::<f64>() * scale) as f32;
+    (0..sums[0].len()).into_par_iter().map(mean).collect()
 }
 
 /// Sums of batches as means, side by side.

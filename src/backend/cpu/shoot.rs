@@ -5,7 +5,7 @@ use super::track::{Flight, Scorer, Tracker, Weights};
 use crate::backend::Control;
 use crate::physics::Phase;
 use crate::physics::frame::rotate;
-use crate::physics::rng::{Draws, uniform, uniform64};
+use crate::physics::rng::{Draws, split, uniform, uniform64};
 use crate::plan::{Plan, Route};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::camera::Eye;
@@ -13,16 +13,16 @@ use crate::scene::field::{Field, V3};
 use crate::scene::{Albedo, Light};
 use crate::tally::Bins;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Fixed-point unit of energies: weights of 1 are 2^36 units, so that 2^26 of them stay within 63 bits.
 const ENERGY_UNIT: f32 = 68_719_476_736.0;
-/// Photons per task; a task is what one thread walks without looking up.
-const TASK: u64 = 256;
 /// Collisions between looks at the clock and the stop flag within one photon.
 const PATIENCE: u32 = 1 << 14;
 /// Below this weight a photon plays roulette, and survives with the chance `SURVIVAL`.
-const ROULETTE: f32 = 0.1;
-const SURVIVAL: f32 = 0.2;
+pub const ROULETTE: f32 = 0.1;
+/// A power of two, which two random bits decide.
+pub const SURVIVAL: f32 = 0.25;
 
 /// What happened to the energy of the photons of a task or batch, in fixed point: sums are the same in any order.
 #[derive(Debug, Clone, Copy)]
@@ -39,8 +39,9 @@ impl Default for Energies {
 }
 
 impl Energies {
+    /// Adds a weight to a share.
     #[inline(always)]
-    fn add<const C: usize>(&mut self, share: Share, weight: [f32; C]) {
+    pub fn add<const C: usize>(&mut self, share: Share, weight: [f32; C]) {
         for c in 0..C {
             self.shares[share.index()][c] += (weight[c] * ENERGY_UNIT) as i64;
         }
@@ -61,11 +62,9 @@ impl Energies {
 }
 
 /// What all photons of a run share.
-pub struct Walk<'a, T> {
+pub struct Walk<'a> {
     /// The plan.
     pub plan: &'a Plan<'a>,
-    /// The tracker.
-    pub tracker: T,
     /// Emitters, each with its light.
     pub emitters: &'a [(Emitter<'a>, Light)],
     /// The bins of each tally layer: one set per thread, or one for all.
@@ -74,6 +73,41 @@ pub struct Walk<'a, T> {
     pub sets: usize,
     /// Bin units per weight * length.
     pub unit: f32,
+}
+
+/// Photons that one thread walks without looking up: those of one emitter, all of the same power.
+pub struct Task<'a> {
+    /// Where they start.
+    pub emitter: &'a Emitter<'a>,
+    /// Its light.
+    pub light: &'a Light,
+    /// The power of each over that of the batch's mean photon.
+    pub scale: f32,
+    /// Number of the emitter's first photon in the run.
+    pub first: u64,
+    /// Photons of the emitter in this batch.
+    pub count: u64,
+    /// Which of these.
+    pub range: Range<u64>,
+}
+
+impl Task<'_> {
+    /// The draws of the photon `j` of the emitter, and its start.
+    #[inline(always)]
+    pub fn start(&self, seed: [u32; 2], j: u64) -> (Draws, Start) {
+        let mut draws = Draws::new(seed, self.first + j, 0);
+        let u = (j as f64 + uniform64(draws.next4()[0])) / self.count as f64;
+        let start = self.emitter.start(self.light, u, &mut draws);
+        (draws, start)
+    }
+}
+
+/// How the photons of a task are walked: one by one, or in lanes.
+pub trait Engine: Sync {
+    /// Photons of a task.
+    const TASK: u64;
+    /// Walks a task.
+    fn task(&self, walk: &Walk, task: &Task, energies: &mut Energies, halted: &(impl Fn() -> bool + Sync));
 }
 
 /// The numbers of photons that the emitters get of `photons`: proportional to power, one at least, rounded so that the
@@ -95,37 +129,33 @@ pub fn allot(powers: &[f64], photons: u64) -> Vec<u64> {
     given
 }
 
-impl<T> Walk<'_, T> {
+impl Walk<'_> {
     /// Walks the photons of one batch, `first` being the number of its first; `None` if it was stopped.
-    pub fn batch<const C: usize>(&self, first: u64, photons: u64, control: &Control, urgent: bool) -> Option<Energies>
-    where
-        T: Tracker<C>,
-    {
+    pub fn batch(
+        &self,
+        engine: &impl Engine,
+        first: u64,
+        photons: u64,
+        control: &Control,
+        urgent: bool,
+    ) -> Option<Energies> {
         let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
         let counts = allot(&powers, photons);
         let reference = powers.iter().sum::<f64>() / photons as f64;
-        let mut ranges = Vec::new();
-        let mut from = 0;
+        let mut tasks = Vec::new();
+        let mut from = first;
         for ((emitter, light), count) in self.emitters.iter().zip(counts) {
             let scale = (emitter.power / count as f64 / reference) as f32;
-            for at in (0..count).step_by(TASK as usize) {
-                ranges.push((emitter, light, scale, from, count, at..(at + TASK).min(count)));
-            }
+            tasks.extend(pieces(count, engine).map(|range| Task { emitter, light, scale, first: from, count, range }));
             from += count;
         }
         let halted = || control.stopped() || (urgent && control.late());
-        let energies = ranges
+        let energies = tasks
             .into_par_iter()
-            .map(|(emitter, light, scale, from, count, range)| {
+            .map(|task| {
                 let mut energies = Energies::default();
-                if halted() {
-                    return energies;
-                }
-                for j in range {
-                    let mut draws = Draws::new(self.plan.settings.seed, first + from + j, 0);
-                    let u = (j as f64 + uniform64(draws.next4()[0])) / count as f64;
-                    let start = emitter.start(light, u, &mut draws);
-                    self.photon::<C>(emitter, start, scale, &mut draws, &mut energies, &halted);
+                if !halted() {
+                    engine.task(self, &task, &mut energies, &halted);
                 }
                 energies
             })
@@ -133,20 +163,46 @@ impl<T> Walk<'_, T> {
         (!halted()).then_some(energies)
     }
 
+    /// The set of bins that this thread adds to.
+    pub fn set(&self) -> usize {
+        rayon::current_thread_index().unwrap_or(0) % self.sets
+    }
+}
+
+/// The tasks that `count` photons are cut into: short enough that all threads end together.
+fn pieces<E: Engine>(count: u64, _: &E) -> impl Iterator<Item = Range<u64>> {
+    let fair = count.div_ceil(8 * rayon::current_num_threads() as u64);
+    let size = fair.clamp(256.min(E::TASK), E::TASK);
+    (0..count).step_by(size as usize).map(move |at| at..(at + size).min(count))
+}
+
+/// Photons walked one by one: the truth that lanes are compared with, and what all trackers and spectral weights have.
+pub struct OneByOne<T, const C: usize>(pub T);
+
+impl<const C: usize, T: Tracker<C>> Engine for OneByOne<T, C> {
+    const TASK: u64 = 256;
+
+    fn task(&self, walk: &Walk, task: &Task, energies: &mut Energies, halted: &(impl Fn() -> bool + Sync)) {
+        for j in task.range.clone() {
+            let (mut draws, start) = task.start(split(walk.plan.settings.seed), j);
+            self.photon(walk, task, start, &mut draws, energies, halted);
+        }
+    }
+}
+
+impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
     /// Walks one photon to its end.
     #[inline(always)]
-    fn photon<const C: usize>(
+    fn photon(
         &self,
-        emitter: &Emitter,
+        walk: &Walk,
+        task: &Task,
         start: Start,
-        scale: f32,
         draws: &mut Draws,
         energies: &mut Energies,
         halted: &impl Fn() -> bool,
-    ) where
-        T: Tracker<C>,
-    {
-        let plan = self.plan;
+    ) {
+        let (plan, emitter, scale) = (walk.plan, task.emitter, task.scale);
         let phase = &plan.scene.medium.phase;
         let last = plan.walked_orders();
         let medium = Medium::new(plan);
@@ -163,9 +219,9 @@ impl<T> Walk<'_, T> {
             }
         };
         let mut scorer = Scores {
-            bins: &self.bins,
-            set: rayon::current_thread_index().unwrap_or(0) % self.sets,
-            unit: self.unit,
+            bins: &walk.bins,
+            set: walk.set(),
+            unit: walk.unit,
             route: (None, None),
             phase,
             direction,
@@ -182,7 +238,7 @@ impl<T> Walk<'_, T> {
                     _ => plan.routes[1],
                 };
                 let v = std::array::from_fn(|a| direction[a] * medium.inverse_h[a]);
-                match self.tracker.fly(p, v, &mut w, draws, &mut scorer) {
+                match self.0.fly(p, v, &mut w, draws, &mut scorer) {
                     Flight::Exit(face) => {
                         let share = if order == 0 { Share::Unscattered } else { EXIT_FACES[face] };
                         energies.add(share, w.get());
@@ -230,17 +286,23 @@ impl<T> Walk<'_, T> {
 }
 
 /// What a photon needs of the medium at a collision.
-struct Medium<'a> {
-    constant: [f32; 3],
-    field: Option<Field<'a>>,
-    h: V3,
-    inverse_h: V3,
-    eye: LocalEye,
+pub struct Medium<'a> {
+    /// The albedo by channel, where it is constant.
+    pub constant: [f32; 3],
+    /// The albedo's field, where it is not.
+    pub field: Option<Field<'a>>,
+    /// Spacing.
+    pub h: V3,
+    /// Voxels per length.
+    pub inverse_h: V3,
+    /// Where anisotropic media are recorded towards.
+    pub eye: LocalEye,
 }
 
 impl<'a> Medium<'a> {
+    /// That of the plan's scene.
     #[inline(always)]
-    fn new(plan: &'a Plan<'a>) -> Self {
+    pub fn new(plan: &'a Plan<'a>) -> Self {
         let medium = &plan.scene.medium;
         let h = medium.volume.spacing();
         let (constant, field) = match medium.albedo {
