@@ -1,6 +1,7 @@
 """`simulate` and `plan`: one signature, turned into the scene and the settings of the Rust core."""
 
 import inspect
+import os
 from collections.abc import Callable, Sequence, Set
 from typing import Any
 
@@ -201,6 +202,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "outputs": _outputs(arguments["outputs"]),
         "force": flag("force", arguments["force"]),
         "over_voxels": arguments["camera"] is None,
+        "simd": os.environ.get("MCRT_SIMD") or None,
     }
 
 

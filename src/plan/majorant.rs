@@ -14,9 +14,23 @@ pub struct MajorantGrid {
     pub density: Vec<f32>,
 }
 
-/// What a cell step and a tentative collision cost, relative to each other (measured in the scalar walk).
-const CELL_STEP: f64 = 1.0;
-const TENTATIVE: f64 = 3.0;
+/// What the steps of a null-collision flight cost, relative to each other (measured).
+#[derive(Debug, Clone, Copy)]
+pub struct StepCosts {
+    /// Crossing a cell of the grid.
+    pub cell: f64,
+    /// A tentative collision.
+    pub tentative: f64,
+    /// Optical depth per voxel that the majorant has at least, for the sake of its scores.
+    pub least: f64,
+}
+
+impl StepCosts {
+    /// In the walk of one photon after the other.
+    pub const SCALAR: StepCosts = StepCosts { cell: 1.0, tentative: 3.0, least: 0.0 };
+    /// In lanes.
+    pub const LANES: StepCosts = StepCosts { cell: 1.0, tentative: 1.0, least: 0.0 };
+}
 
 impl MajorantGrid {
     /// The grid with blocks of the given size.
@@ -40,17 +54,21 @@ impl MajorantGrid {
         MajorantGrid { block: self.block * 2, n, density }
     }
 
-    /// Mean number of (cell steps, tentative collisions) per voxel of flight, at `depth` optical depths per voxel and unit
-    /// density. An empty cell is crossed voxel by voxel where voxels are scored.
-    fn cost(&self, depth: f64) -> f64 {
+    /// Whether one majorant bounds the whole volume.
+    pub fn is_one(&self) -> bool {
+        self.density.len() == 1
+    }
+
+    /// Mean cost per voxel of flight, at `depth` optical depths per voxel and unit density. A single cell is not crossed.
+    fn cost(&self, depth: f64, costs: StepCosts) -> f64 {
         let cells = self.density.len() as f64;
-        let sum: f64 = self.density.iter().map(|&d| f64::from(d)).sum();
-        let steps = 1.5 / self.block as f64;
-        CELL_STEP * steps + TENTATIVE * depth * sum / cells
+        let sum: f64 = self.density.iter().map(|&d| (depth * f64::from(d)).max(costs.least)).sum();
+        let steps = if self.is_one() { 0.0 } else { 1.5 / self.block as f64 };
+        costs.cell * steps + costs.tentative * sum / cells
     }
 
     /// The cheapest block size for the volume, and its expected cost per voxel of flight.
-    pub fn cheapest(volume: &Volume, depth: f64) -> (Self, f64) {
+    pub fn cheapest(volume: &Volume, depth: f64, costs: StepCosts) -> (Self, f64) {
         let longest = volume.n().into_iter().max().unwrap_or(1);
         let finest = match volume.voxels() {
             0..=262_144 => 1,
@@ -58,10 +76,10 @@ impl MajorantGrid {
             _ => 4,
         };
         let mut grid = MajorantGrid::new(volume, finest);
-        let mut best = (grid.clone(), grid.cost(depth));
+        let mut best = (grid.clone(), grid.cost(depth, costs));
         while grid.block < longest {
             grid = grid.coarser();
-            let cost = grid.cost(depth);
+            let cost = grid.cost(depth, costs);
             if cost < best.1 {
                 best = (grid.clone(), cost);
             }

@@ -8,8 +8,8 @@ mod probe;
 pub mod settings;
 
 pub use lights::{Column, Direct, Emission, LightPlan};
-pub use majorant::MajorantGrid;
-pub use settings::{Method, Settings, Tracker};
+pub use majorant::{MajorantGrid, StepCosts};
+pub use settings::{Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
 use crate::scene::{Light, Scene};
@@ -68,6 +68,8 @@ pub struct Plan<'a> {
     pub channels: usize,
     /// Whether one walk must serve unequal extinctions.
     pub chromatic: bool,
+    /// Whether photons are walked in lanes.
+    pub lanes: bool,
     /// Highest scattering order, `u32::MAX` if unlimited.
     pub orders: u32,
     /// The majorant grid, for `Tracker::Woodcock`.
@@ -141,6 +143,18 @@ impl<'a> Plan<'a> {
             why.light(light, plan, depth);
         }
         let (tracker, majorant) = choose_tracker(scene, settings, chromatic, &mut why)?;
+        let lanes = allows_lanes(settings, chromatic) && tracker != Tracker::March;
+        why.push(
+            "walk",
+            if lanes { "in lanes" } else { "one by one" }.into(),
+            match (settings.simd, tracker) {
+                (Some(Simd::Scalar), _) => "MCRT_SIMD = scalar",
+                _ if chromatic => "extinction differs between channels",
+                (_, Tracker::March) => "the march goes voxel by voxel",
+                _ => "photons take the same steps",
+            }
+            .into(),
+        );
         let score = match tracker {
             Tracker::Woodcock => Score::Collisions,
             Tracker::March => Score::Track,
@@ -202,6 +216,7 @@ impl<'a> Plan<'a> {
             tracker,
             channels,
             chromatic,
+            lanes,
             orders,
             majorant,
             score,
@@ -347,6 +362,15 @@ fn choose_method(
     Ok(method)
 }
 
+/// Voxels' scores at tentative collisions need a majorant of this optical depth per voxel: with rarer ones their spread
+/// is so skew that a standard error does not describe it.
+pub const LEAST_SCORED_DEPTH: f64 = 0.3;
+
+/// Whether the settings and the kind of extinction let photons walk in lanes.
+fn allows_lanes(settings: &Settings, chromatic: bool) -> bool {
+    settings.simd != Some(Simd::Scalar) && !chromatic
+}
+
 fn choose_tracker(
     scene: &Scene,
     settings: &Settings,
@@ -357,12 +381,19 @@ fn choose_tracker(
     let volume = &medium.volume;
     let h = volume.spacing();
     let mean_h = 3.0 / h.iter().map(|h| 1.0 / h).sum::<f64>();
+    let depth = medium.extinction.max() * mean_h;
+    let costs = if allows_lanes(settings, chromatic) {
+        let least = if settings.fluence || settings.radiance { LEAST_SCORED_DEPTH } else { 0.0 };
+        StepCosts { least, ..StepCosts::LANES }
+    } else {
+        StepCosts::SCALAR
+    };
     let build = |tracker| match tracker {
         Tracker::Woodcock if volume.is_constant() => {
             let longest = volume.n().into_iter().max().unwrap_or(1);
             Some(MajorantGrid::new(volume, longest))
         }
-        Tracker::Woodcock => Some(MajorantGrid::cheapest(volume, medium.extinction.max() * mean_h).0),
+        Tracker::Woodcock => Some(MajorantGrid::cheapest(volume, depth, costs).0),
         _ => None,
     };
     if let Some(tracker) = settings.tracker {
@@ -380,7 +411,7 @@ fn choose_tracker(
         why.push("tracker", "woodcock".into(), "the density is constant: one cell, the majorant is the medium".into());
         return Ok((Tracker::Woodcock, build(Tracker::Woodcock)));
     }
-    let (grid, cost) = MajorantGrid::cheapest(volume, medium.extinction.max() * mean_h);
+    let (grid, cost) = MajorantGrid::cheapest(volume, depth, costs);
     // The walk crosses 1.5 voxels per voxel of length; interpolation halves the cells that it steps over.
     let march = if volume.linear() { 12.0 } else { 2.0 };
     if cost <= march {
@@ -388,8 +419,8 @@ fn choose_tracker(
             "tracker",
             "woodcock".into(),
             format!(
-                "expected cost per voxel of flight {cost:.2}, marching {march:.1}; cells of {}^3 voxels",
-                grid.block
+                "expected cost per voxel of flight {cost:.2}, marching {march:.1}; {}",
+                if grid.is_one() { "one majorant".into() } else { format!("cells of {}^3 voxels", grid.block) }
             ),
         );
         Ok((Tracker::Woodcock, Some(grid)))

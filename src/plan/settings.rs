@@ -1,6 +1,7 @@
 //! What the user asks for, apart from the scene.
 
 use crate::error::{Error, Result, scene_error};
+use std::fmt;
 use std::str::FromStr;
 
 /// How the answer is found.
@@ -48,6 +49,43 @@ impl FromStr for Tracker {
     }
 }
 
+/// The instructions that photons are walked with. All but the first walk them in lanes, with the same bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Simd {
+    /// One photon after the other: the truth that lanes are compared with.
+    Scalar,
+    /// Lanes in what every processor of the architecture has (SSE2, NEON).
+    Baseline,
+    /// Lanes in AVX2.
+    Avx2,
+    /// Lanes in AVX-512 F, BW, CD, DQ and VL.
+    Avx512,
+}
+
+impl Simd {
+    /// All with their names.
+    pub const ALL: [(Simd, &'static str); 4] =
+        [(Simd::Scalar, "scalar"), (Simd::Baseline, "baseline"), (Simd::Avx2, "avx2"), (Simd::Avx512, "avx512")];
+}
+
+impl fmt::Display for Simd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(Simd::ALL[*self as usize].1)
+    }
+}
+
+impl FromStr for Simd {
+    type Err = Error;
+    fn from_str(s: &str) -> Result<Self> {
+        match Simd::ALL.iter().find(|(_, name)| *name == s) {
+            Some((simd, _)) => Ok(*simd),
+            None => scene_error(format!(
+                "MCRT_SIMD = {s:?} is not allowed; \"scalar\", \"baseline\", \"avx2\" or \"avx512\" are"
+            )),
+        }
+    }
+}
+
 /// The settings of a run; `None` leaves the choice to the plan.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -77,6 +115,8 @@ pub struct Settings {
     pub image: bool,
     /// Run even if memory seems too small.
     pub force: bool,
+    /// Instructions to walk photons with; `None` for the best that the machine has.
+    pub simd: Option<Simd>,
     /// Whether `target_error` is over voxels rather than pixels.
     pub over_voxels: bool,
 }
@@ -97,6 +137,7 @@ impl Default for Settings {
             radiance: true,
             image: true,
             force: false,
+            simd: None,
             over_voxels: false,
         }
     }

@@ -183,6 +183,7 @@ pub fn settings(dict: &Bound<'_, PyDict>) -> PyResult<Settings> {
         radiance: wants("radiance"),
         image: wants("image"),
         force: get(dict, "force")?.extract()?,
+        simd: optional::<String>(dict, "simd")?.map(|s| s.parse()).transpose().map_err(fail)?,
         over_voxels: get(dict, "over_voxels")?.extract()?,
     };
     settings.validate().map_err(fail)?;

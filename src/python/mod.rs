@@ -211,7 +211,7 @@ fn gather<'py>(
 fn info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
     out.set_item("version", env!("CARGO_PKG_VERSION"))?;
-    out.set_item("simd", "scalar")?;
+    out.set_item("simd", cpu::simd::best().to_string())?;
     out.set_item("threads", cost::threads(None))?;
     out.set_item("gpu", false)?;
     Ok(out)

@@ -13,22 +13,22 @@
 
 use super::emit::{Cursor, FirstCollisions, Start};
 use super::shoot::{Energies, Engine, Medium, ROULETTE, SURVIVAL, Task, Walk};
-use super::simd::{Kernel, Simd, dispatch};
+use super::simd::{Kernel, best, dispatch};
 use crate::physics::frame::{rotate, sphere};
 use crate::physics::real::cell;
 use crate::physics::rng::{split, uniform, uniform64, words};
 use crate::physics::{Phase, Real};
-use crate::plan::{Plan, Route};
+use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Route, Simd};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::field::{Field, V3, leave};
 use crate::scene::{Volume, block_maxima};
 
 /// Photons walked together.
 const N: usize = 16;
+/// Lanes that may wait between two cells while the others collide.
+const FLYING: u32 = N as u32 / 4;
 /// Events between looks at the clock and the stop flag.
 const PATIENCE: u32 = 1 << 12;
-/// A majorant optical depth per voxel below this makes collisions too rare a score.
-pub const THIN: f64 = 0.3;
 
 /// Walks the photons of a plan in lanes, with `C` channels of equal extinction.
 pub struct Laned<'a, const C: usize> {
@@ -39,16 +39,41 @@ pub struct Laned<'a, const C: usize> {
     isotropic: bool,
     /// Whether every tentative collision is real.
     certain: bool,
-    /// 1 / majorant [length].
+    /// 1 / majorant [length], where there is one majorant.
     free_path: f32,
-    /// Chance that a tentative collision is real, per density.
-    acceptance: f32,
+    /// The largest extinction coefficient per density.
+    extinction: f32,
+    /// The majorants, where there are several.
+    cells: Option<Cells>,
     /// Where nothing can collide, and what of that is not scored either.
     voids: Voids,
     scores_voids: bool,
     last: u32,
     routes: [Route; 3],
     seed: [u32; 2],
+}
+
+/// A grid of majorants.
+struct Cells {
+    /// Voxels per cell and axis.
+    block: f32,
+    n: [i32; 3],
+    /// Extinction coefficients that are nowhere exceeded, x fastest.
+    majorant: Vec<f32>,
+}
+
+impl Cells {
+    /// The plan's grid, raised to `least`. For images alone it is raised where the medium is empty but near enough to some
+    /// density for the gather to interpolate the source there.
+    fn new(plan: &Plan, grid: &MajorantGrid, least: f64) -> Self {
+        let medium = &plan.scene.medium;
+        let near = block_maxima(&medium.volume, grid.block, Voids::REACH);
+        let majorant = grid.density.iter().zip(near).map(|(&density, near)| {
+            let density = density.max(0.25 * near);
+            ((f64::from(density) * medium.extinction.max()).max(least) * (1.0 + 1e-6)) as f32
+        });
+        Cells { block: grid.block as f32, n: grid.n.map(|m| m as i32), majorant: majorant.collect() }
+    }
 }
 
 /// Cells of the volume that hold no density, nor have any next to them that an interpolation reads.
@@ -82,24 +107,25 @@ impl Voids {
 
 impl<'a, const C: usize> Laned<'a, C> {
     /// From a plan.
-    pub fn new(plan: &'a Plan<'a>, simd: Simd) -> Self {
+    pub fn new(plan: &'a Plan<'a>) -> Self {
         let medium = &plan.scene.medium;
         let voxels = plan.settings.fluence || plan.settings.radiance;
         let h = medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
         let sigma_t = medium.max_sigma_t();
-        let least = if voxels { THIN / h } else { 0.0 };
+        let least = if voxels { LEAST_SCORED_DEPTH / h } else { 0.0 };
         let certain = medium.volume.is_constant() && sigma_t >= least;
         // Rounded up, so that no acceptance exceeds one.
         let majorant = if certain { sigma_t } else { sigma_t.max(least) * (1.0 + 1e-6) };
         Laned {
-            simd,
+            simd: plan.settings.simd.unwrap_or_else(best),
             field: Field::density(&medium.volume),
             medium: Medium::new(plan),
             phase: &medium.phase,
             isotropic: medium.phase.is_isotropic(),
             certain,
             free_path: (1.0 / majorant.max(1e-30)) as f32,
-            acceptance: (medium.extinction.max() / majorant.max(1e-30)) as f32,
+            extinction: medium.extinction.max() as f32,
+            cells: plan.majorant.as_ref().filter(|grid| !grid.is_one()).map(|grid| Cells::new(plan, grid, least)),
             voids: Voids::new(&medium.volume),
             scores_voids: voxels,
             last: plan.walked_orders(),
@@ -148,6 +174,11 @@ struct Lanes<const C: usize> {
     word: [Row<u32>; 4],
     /// Uniform numbers for the scattering angle.
     xi: Row<f32>,
+    /// What is left of the free flight, in optical depths of the majorant.
+    depth: Row<f32>,
+    /// Cell of the majorant grid, and its majorant.
+    at: [Row<i32>; 3],
+    majorant: Row<f32>,
     /// The next tentative collision.
     q: [Row<f32>; 3],
     /// Voxel at `q`, and the one that its density is read from.
@@ -172,8 +203,10 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
         // Lanes that need a photon, and those that hold one at a real collision, as bits.
         let all = (1u32 << (N - 1) << 1).wrapping_sub(1);
         let (mut dead, mut hit) = (all, 0u32);
+        // Those that are between two cells of the majorant grid.
+        let mut flying = 0u32;
         let mut since = 0u32;
-        let skips = tables.voids.any();
+        let skips = tables.voids.any() && tables.cells.is_none();
         loop {
             while dead != 0 && seeds.ready(tables, task, energies) {
                 let lane = dead.trailing_zeros() as usize;
@@ -198,12 +231,15 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
                     }
                 }
             }
-            lanes.draw(tables.seed);
-            let inside = lanes.fly(tables) & alive;
-            for lane in bits(alive & !inside) {
+            lanes.draw(tables.seed, alive & !flying);
+            let inside = match &tables.cells {
+                None => lanes.fly(tables) & alive,
+                Some(cells) => lanes.cross(tables, cells, alive, &mut flying),
+            };
+            for lane in bits(alive & !inside & !flying) {
                 lanes.escape(lane, tables, energies);
             }
-            dead = all & !inside;
+            dead = all & !inside & !flying;
             lanes.locate(tables);
             let dense = if skips { lanes.dense(tables) & inside } else { inside };
             lanes.deposit(tables, walk, task, if tables.scores_voids { inside } else { dense });
@@ -351,6 +387,9 @@ impl<const C: usize> Lanes<C> {
             block: [0; N],
             word: [[0; N]; 4],
             xi: [0.5; N],
+            depth: [0.0; N],
+            at: [[0; N]; 3],
+            majorant: [1.0; N],
             q: [[0.5; N]; 3],
             voxel: [[0; N]; 2],
             cell: [0; N],
@@ -462,15 +501,17 @@ impl<const C: usize> Lanes<C> {
         dead
     }
 
-    /// The next four words of each lane.
+    /// The next four words of some lanes, and the free flight that they begin with.
     #[inline(always)]
-    fn draw(&mut self, seed: [u32; 2]) {
+    fn draw(&mut self, seed: [u32; 2], which: u32) {
         for i in 0..N {
+            let takes = which >> i & 1 == 1;
             let word = words(seed, [self.index[0][i], self.index[1][i]], self.block[i], 0);
             for k in 0..4 {
-                self.word[k][i] = word[k];
+                self.word[k][i] = if takes { word[k] } else { self.word[k][i] };
             }
-            self.block[i] += 1;
+            self.depth[i] = if takes { flight(word[0], word[3]) } else { self.depth[i] };
+            self.block[i] += u32::from(takes);
         }
     }
 
@@ -480,7 +521,7 @@ impl<const C: usize> Lanes<C> {
         let n = tables.field.n();
         let mut inside = [false; N];
         for i in 0..N {
-            let length = flight(self.word[0][i], self.word[3][i]) * tables.free_path;
+            let length = self.depth[i] * tables.free_path;
             let mut within = true;
             for a in 0..3 {
                 let q = self.p[a][i] + self.d[a][i] * tables.medium.inverse_h[a] * length;
@@ -490,6 +531,83 @@ impl<const C: usize> Lanes<C> {
             inside[i] = within;
         }
         mask(|i| inside[i])
+    }
+
+    /// Moves the lanes `alive` on through the cells of majorants, until few of them are still `flying`; gives those at a
+    /// tentative collision.
+    #[inline(always)]
+    fn cross(&mut self, tables: &Laned<C>, cells: &Cells, alive: u32, flying: &mut u32) -> u32 {
+        let n = tables.field.n();
+        let scale = 1.0 / cells.block;
+        for i in 0..N {
+            // A photon that is about to fly finds its cell; a flying one is in the cell that it came to.
+            let starts = *flying >> i & 1 == 0;
+            for a in 0..3 {
+                let here = cell(Real::max(self.p[a][i], 0.0) * scale);
+                let here = if here < cells.n[a] { here } else { cells.n[a] - 1 };
+                self.at[a][i] = if starts { here } else { self.at[a][i] };
+            }
+        }
+        *flying = alive;
+        let mut inside = 0;
+        loop {
+            for i in 0..N {
+                let c = [self.at[0][i], self.at[1][i], self.at[2][i]];
+                self.cell[i] = ((c[2] * cells.n[1] + c[1]) * cells.n[0] + c[0]) as u32;
+            }
+            for lane in bits(*flying) {
+                self.majorant[lane] = cells.majorant[self.cell[lane] as usize];
+            }
+            let mut stops = [false; N];
+            let mut leaves = [false; N];
+            for i in 0..N {
+                let flies = *flying >> i & 1 == 1;
+                let mut edge = [0.0f32; 3];
+                let mut way = [0.0f32; 3];
+                let mut v = [0.0f32; 3];
+                for a in 0..3 {
+                    v[a] = self.d[a][i] * tables.medium.inverse_h[a];
+                    let next = self.at[a][i] + i32::from(v[a] > 0.0);
+                    edge[a] = Real::min(next as f32 * cells.block, n[a] as f32);
+                    let t = Real::max((edge[a] - self.p[a][i]) / v[a], 0.0);
+                    way[a] = if v[a] == 0.0 { f32::INFINITY } else { t };
+                }
+                let exit = Real::min(way[0], Real::min(way[1], way[2]));
+                let free = self.depth[i] / self.majorant[i];
+                let stop = free < exit;
+                let t = if stop { free } else { exit };
+                let rest = Real::max(self.depth[i] - t * self.majorant[i], 0.0);
+                self.depth[i] = if flies { rest } else { self.depth[i] };
+                let mut out = false;
+                let mut open = !stop;
+                for a in 0..3 {
+                    // The axis of the face that is crossed.
+                    let crosses = open && way[a] == exit;
+                    open = open && !crosses;
+                    // Rounding must not carry a tentative collision out of the cell whose majorant it has.
+                    let low = self.at[a][i] as f32 * cells.block;
+                    let high = Real::min(low + cells.block, n[a] as f32) * (1.0 - 6e-8);
+                    let p = Real::max(Real::min(self.p[a][i] + v[a] * t, high), low);
+                    let p = if crosses { edge[a] } else { p };
+                    self.p[a][i] = if flies { p } else { self.p[a][i] };
+                    let next = self.at[a][i] + if v[a] > 0.0 { 1 } else { -1 };
+                    let moves = flies && crosses;
+                    let outside = next < 0 || next >= cells.n[a];
+                    out |= moves && outside;
+                    self.at[a][i] = if moves && !outside { next } else { self.at[a][i] };
+                }
+                stops[i] = flies && stop;
+                leaves[i] = out;
+            }
+            let (stopped, left) = (mask(|i| stops[i]), mask(|i| leaves[i]));
+            inside |= stopped;
+            *flying &= !stopped & !left;
+            if flying.count_ones() <= FLYING {
+                break;
+            }
+        }
+        self.q = self.p;
+        inside
     }
 
     /// Lets the photon of a lane out of the box.
@@ -528,9 +646,9 @@ impl<const C: usize> Lanes<C> {
     /// Scores the tentative collisions of some lanes.
     #[inline(always)]
     fn deposit(&mut self, tables: &Laned<C>, walk: &Walk, task: &Task, scored: u32) {
-        let unit = tables.free_path * walk.unit;
-        for c in 0..C {
-            for i in 0..N {
+        for i in 0..N {
+            let unit = if tables.cells.is_some() { walk.unit / self.majorant[i] } else { walk.unit * tables.free_path };
+            for c in 0..C {
                 self.score[c][i] = self.weight[c][i] * unit;
             }
         }
@@ -599,7 +717,8 @@ impl<const C: usize> Lanes<C> {
         }
         let mut hit = [false; N];
         for i in 0..N {
-            let accept = self.density[i] * tables.acceptance;
+            let free_path = if tables.cells.is_some() { 1.0 / self.majorant[i] } else { tables.free_path };
+            let accept = self.density[i] * tables.extinction * free_path;
             let xi = uniform(self.word[2][i]);
             hit[i] = xi <= accept;
             self.xi[i] = Real::min(xi / accept, 1.0);

@@ -18,6 +18,7 @@ use crate::scene::field::{Field, Occupancy};
 use crate::scene::{Light, Scene};
 use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use emit::Emitter;
+use lanes::Laned;
 use light::Illumination;
 use rayon::prelude::*;
 use shoot::{Energies, Engine, OneByOne, Walk};
@@ -164,10 +165,8 @@ where
     let field = Field::density(&medium.volume);
     let scores = !plan.layers.is_empty();
     let extinction = medium.extinction.rgb;
-    let simd = std::env::var("MCRT_SIMD").ok().and_then(|s| s.parse().ok()).unwrap_or(simd::Simd::best());
-    if simd != simd::Simd::Scalar && plan.tracker != Tracker::March {
-        let engine = lanes::Laned::<C>::new(plan, simd);
-        return batches::<C>(plan, &engine, emitters, views, occupancy, control, shot);
+    if plan.lanes {
+        return batches::<C>(plan, &Laned::<C>::new(plan), emitters, views, occupancy, control, shot);
     }
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {

@@ -3,8 +3,7 @@
 //! A [`Kernel`] is ordinary Rust, inlined into one entry per instruction set, where the compiler turns its loops over lanes
 //! into that set's vectors. No entry may contract a multiplication and an addition into one, so all give the same bits.
 
-use std::fmt;
-use std::str::FromStr;
+use crate::plan::Simd;
 
 /// Code that gains from wide vectors. `run` and all that it calls in its loops must be `#[inline(always)]`.
 pub trait Kernel {
@@ -14,66 +13,30 @@ pub trait Kernel {
     fn run(self) -> Self::Output;
 }
 
-/// An instruction set that kernels are compiled for, or none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Simd {
-    /// One photon after the other: the truth that lanes are compared with.
-    Scalar,
-    /// What every processor of the architecture has (SSE2, NEON).
-    Baseline,
-    /// AVX2 and FMA.
-    Avx2,
-    /// AVX-512 F, BW, CD, DQ and VL.
-    Avx512,
-}
-
-impl Simd {
-    /// The sets by name.
-    pub const ALL: [(Simd, &'static str); 4] =
-        [(Simd::Scalar, "scalar"), (Simd::Baseline, "baseline"), (Simd::Avx2, "avx2"), (Simd::Avx512, "avx512")];
-
-    /// The best that this machine has.
-    pub fn best() -> Self {
-        #[cfg(target_arch = "x86_64")]
+/// The best that this machine has.
+pub fn best() -> Simd {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let avx2 = is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("fma")
+            && is_x86_feature_detected!("bmi1")
+            && is_x86_feature_detected!("bmi2")
+            && is_x86_feature_detected!("lzcnt")
+            && is_x86_feature_detected!("popcnt");
+        if avx2
+            && is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512cd")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl")
         {
-            let avx2 = is_x86_feature_detected!("avx2")
-                && is_x86_feature_detected!("fma")
-                && is_x86_feature_detected!("bmi1")
-                && is_x86_feature_detected!("bmi2")
-                && is_x86_feature_detected!("lzcnt")
-                && is_x86_feature_detected!("popcnt");
-            if avx2
-                && is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512cd")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-            {
-                return Simd::Avx512;
-            }
-            if avx2 {
-                return Simd::Avx2;
-            }
+            return Simd::Avx512;
         }
-        Simd::Baseline
+        if avx2 {
+            return Simd::Avx2;
+        }
     }
-}
-
-impl fmt::Display for Simd {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(Simd::ALL[*self as usize].1)
-    }
-}
-
-impl FromStr for Simd {
-    type Err = String;
-    fn from_str(s: &str) -> Result<Self, String> {
-        let known = Simd::ALL.iter().find(|(_, name)| *name == s);
-        known.map(|(simd, _)| *simd).ok_or_else(|| {
-            let names: Vec<&str> = Simd::ALL.iter().map(|(_, name)| *name).collect();
-            format!("{s:?} is not allowed; {} are", names.join(", "))
-        })
-    }
+    Simd::Baseline
 }
 
 /// Runs a kernel with the given instruction set, or the best that the machine has if it lacks that.
@@ -82,7 +45,7 @@ pub fn dispatch<K: Kernel>(simd: Simd, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     {
         #[expect(unsafe_code, reason = "the features that the entry is compiled for were found on this machine")]
-        match simd.min(Simd::best()) {
+        match simd.min(best()) {
             Simd::Avx512 => return unsafe { avx512(kernel) },
             Simd::Avx2 => return unsafe { avx2(kernel) },
             Simd::Scalar | Simd::Baseline => {}
@@ -123,7 +86,7 @@ mod tests {
         let expected = Sum(&data).run();
         for (simd, name) in Simd::ALL {
             assert_eq!(dispatch(simd, Sum(&data)).to_bits(), expected.to_bits(), "{name}");
-            assert_eq!(name.parse(), Ok(simd));
+            assert_eq!(name.parse::<Simd>().expect("a name"), simd);
         }
         assert!("sse".parse::<Simd>().is_err());
     }

@@ -2,7 +2,7 @@
 
 use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, exponential, uniform};
-use crate::plan::{MajorantGrid, Plan, Score};
+use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Score};
 use crate::scene::block_maxima;
 use crate::scene::field::{Dda, Field, V3, along, leave, local};
 
@@ -134,9 +134,6 @@ pub enum CellScore {
     Track,
 }
 
-/// Below this majorant optical depth per voxel a cell scores along the track: a collision estimate would be rare and large.
-const THIN: f64 = 0.3;
-
 impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
     /// From the plan's grid.
     pub fn new(plan: &Plan<'a>, grid: &MajorantGrid) -> Self {
@@ -154,7 +151,7 @@ impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
                     _ if plan.layers.is_empty() => CellScore::Nothing,
                     Some(near) if near[cell] == 0.0 => CellScore::Nothing,
                     Some(_) if depth > 0.0 => CellScore::Collisions,
-                    None if depth >= THIN => CellScore::Collisions,
+                    None if depth >= LEAST_SCORED_DEPTH => CellScore::Collisions,
                     _ => CellScore::Track,
                 }
             })
