@@ -34,8 +34,9 @@ impl Bins {
         }
     }
 
+    /// Adds whole units.
     #[inline(always)]
-    fn add_word(&self, index: usize, increment: u32) {
+    pub fn add_word(&self, index: usize, increment: u32) {
         let word = &self.words[index];
         let old = if self.shared {
             word.fetch_add(increment, Relaxed)

@@ -8,16 +8,18 @@ const ROUNDS: usize = 7;
 const MULTIPLIER: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
 const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
 
-/// Four random words for a counter under a key, after `rounds` rounds of Philox4x32.
+/// Four random words for a counter under a key, after `rounds` rounds of Philox4x32. The words are kept in 64 bits, of
+/// which the upper half may hold anything: in vectors that spares the packing between rounds.
 #[inline(always)]
-fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2], rounds: usize) -> [u32; 4] {
+fn philox4x32(counter: [u32; 4], mut key: [u32; 2], rounds: usize) -> [u32; 4] {
+    let mut c = counter.map(u64::from);
     for _ in 0..rounds {
-        let a = u64::from(MULTIPLIER[0]) * u64::from(counter[0]);
-        let b = u64::from(MULTIPLIER[1]) * u64::from(counter[2]);
-        counter = [(b >> 32) as u32 ^ counter[1] ^ key[0], b as u32, (a >> 32) as u32 ^ counter[3] ^ key[1], a as u32];
+        let a = u64::from(MULTIPLIER[0]) * (c[0] & 0xffff_ffff);
+        let b = u64::from(MULTIPLIER[1]) * (c[2] & 0xffff_ffff);
+        c = [(b >> 32) ^ c[1] ^ u64::from(key[0]), b, (a >> 32) ^ c[3] ^ u64::from(key[1]), a];
         key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
     }
-    counter
+    c.map(|word| word as u32)
 }
 
 /// Four random words: block `block` of the photon `index` under `seed`, a pure function of its arguments.

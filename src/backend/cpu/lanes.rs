@@ -22,9 +22,10 @@ use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Route, Simd};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::field::{Field, V3, leave};
 use crate::scene::{Volume, block_maxima};
+use crate::tally::Bins;
 
 /// Photons walked together.
-const N: usize = 16;
+const N: usize = 32;
 /// Lanes that may wait between two cells while the others collide.
 const FLYING: u32 = N as u32 / 4;
 /// Events between looks at the clock and the stop flag.
@@ -68,9 +69,10 @@ impl Cells {
     fn new(plan: &Plan, grid: &MajorantGrid, least: f64) -> Self {
         let medium = &plan.scene.medium;
         let near = block_maxima(&medium.volume, grid.block, Voids::REACH);
+        let h = medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
         let majorant = grid.density.iter().zip(near).map(|(&density, near)| {
-            let density = density.max(0.25 * near);
-            ((f64::from(density) * medium.extinction.max()).max(least) * (1.0 + 1e-6)) as f32
+            let [own, near] = [density, 0.25 * near].map(|d| f64::from(d) * medium.extinction.max());
+            (own.max(near.min(LEAST_SCORED_DEPTH / h)).max(least) * (1.0 + 1e-6)) as f32
         });
         Cells { block: grid.block as f32, n: grid.n.map(|m| m as i32), majorant: majorant.collect() }
     }
@@ -179,6 +181,8 @@ struct Lanes<const C: usize> {
     /// Cell of the majorant grid, and its majorant.
     at: [Row<i32>; 3],
     majorant: Row<f32>,
+    /// 1 / majorant where the lane is [length].
+    free_path: Row<f32>,
     /// The next tentative collision.
     q: [Row<f32>; 3],
     /// Voxel at `q`, and the one that its density is read from.
@@ -187,9 +191,9 @@ struct Lanes<const C: usize> {
     cell: Row<u32>,
     /// What a tentative collision leaves in its voxel.
     score: [Row<f32>; C],
-    /// P from the direction of flight to the eye.
-    toward_eye: Row<f32>,
     density: Row<f32>,
+    /// The highest order.
+    last: u32,
 }
 
 impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
@@ -198,7 +202,8 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
     #[inline(always)]
     fn run(self) {
         let Run { tables, walk, task, energies, halted } = self;
-        let mut lanes = Lanes::<C>::new();
+        let mut lanes = Lanes::<C>::new(tables);
+        let sinks = Sinks::new(tables, walk, task);
         let mut seeds = Seeds::<C>::new(task);
         // Lanes that need a photon, and those that hold one at a real collision, as bits.
         let all = (1u32 << (N - 1) << 1).wrapping_sub(1);
@@ -242,7 +247,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             dead = all & !inside & !flying;
             lanes.locate(tables);
             let dense = if skips { lanes.dense(tables) & inside } else { inside };
-            lanes.deposit(tables, walk, task, if tables.scores_voids { inside } else { dense });
+            lanes.deposit(tables, walk, &sinks, if tables.scores_voids { inside } else { dense });
             hit = if tables.certain {
                 lanes.accept_all();
                 inside
@@ -353,6 +358,22 @@ impl<const C: usize> Seeds<C> {
     }
 }
 
+/// The bins that scores of incident order 0, of the inner orders, and of the last go to.
+struct Sinks<'w> {
+    plain: [Option<&'w Bins>; 3],
+    eye: [Option<&'w Bins>; 3],
+}
+
+impl<'w> Sinks<'w> {
+    fn new<const C: usize>(tables: &Laned<C>, walk: &'w Walk, task: &Task) -> Self {
+        let first = if task.emitter.tallies_unscattered { tables.routes[0] } else { (None, None) };
+        let routes = [first, tables.routes[1], tables.routes[2]];
+        let set = walk.set();
+        let bins = |layer: Option<usize>| layer.map(|l| &walk.bins[l][set]);
+        Sinks { plain: routes.map(|r| bins(r.0)), eye: routes.map(|r| bins(r.1)) }
+    }
+}
+
 /// The set bits of a mask.
 #[inline(always)]
 fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
@@ -376,8 +397,9 @@ fn mask(flag: impl Fn(usize) -> bool) -> u32 {
 }
 
 impl<const C: usize> Lanes<C> {
-    fn new() -> Self {
+    fn new(tables: &Laned<C>) -> Self {
         Lanes {
+            last: tables.last,
             p: [[0.5; N]; 3],
             d: [[0.0; N], [0.0; N], [1.0; N]],
             weight: [[0.0; N]; C],
@@ -390,11 +412,11 @@ impl<const C: usize> Lanes<C> {
             depth: [0.0; N],
             at: [[0; N]; 3],
             majorant: [1.0; N],
+            free_path: [tables.free_path; N],
             q: [[0.5; N]; 3],
             voxel: [[0; N]; 2],
             cell: [0; N],
             score: [[0.0; N]; C],
-            toward_eye: [0.0; N],
             density: [0.0; N],
         }
     }
@@ -606,6 +628,9 @@ impl<const C: usize> Lanes<C> {
                 break;
             }
         }
+        for i in 0..N {
+            self.free_path[i] = 1.0 / self.majorant[i];
+        }
         self.q = self.p;
         inside
     }
@@ -645,41 +670,56 @@ impl<const C: usize> Lanes<C> {
 
     /// Scores the tentative collisions of some lanes.
     #[inline(always)]
-    fn deposit(&mut self, tables: &Laned<C>, walk: &Walk, task: &Task, scored: u32) {
+    fn deposit(&mut self, tables: &Laned<C>, walk: &Walk, sinks: &Sinks, scored: u32) {
         for i in 0..N {
-            let unit = if tables.cells.is_some() { walk.unit / self.majorant[i] } else { walk.unit * tables.free_path };
+            let unit = walk.unit * self.free_path[i];
             for c in 0..C {
                 self.score[c][i] = self.weight[c][i] * unit;
             }
         }
-        let first = if task.emitter.tallies_unscattered { tables.routes[0] } else { (None, None) };
-        let routes = [first, tables.routes[1], tables.routes[2]];
-        let set = walk.set();
-        let bins = |layer: Option<usize>| layer.map(|l| &walk.bins[l][set]);
-        let plain = routes.map(|r| bins(r.0));
-        let eye = routes.map(|r| bins(r.1));
-        if eye.iter().any(Option::is_some) {
+        if sinks.eye.iter().any(Option::is_some) {
             let mut cos_theta = [0.0; N];
             for i in 0..N {
                 let to_eye = tables.medium.eye.from([self.q[0][i], self.q[1][i], self.q[2][i]], tables.medium.h);
                 let cosine = to_eye[0] * self.d[0][i] + to_eye[1] * self.d[1][i] + to_eye[2] * self.d[2][i];
                 cos_theta[i] = Real::max(Real::min(cosine, 1.0), -1.0);
             }
-            self.toward_eye = tables.phase.pdf_lanes(&cos_theta);
-        }
-        for lane in bits(scored) {
-            let order = self.order[lane];
-            let slot = if order == 0 { 0 } else { 1 + usize::from(order == tables.last) };
-            let xi = (self.word[3][lane] & 1023) as f32 * (1.0 / 1024.0) + 0.5 / 1024.0;
-            let voxel = self.voxel[0][lane] as usize * C;
-            if let Some(bins) = plain[slot] {
-                for c in 0..C {
-                    bins.add(voxel + c, self.score[c][lane], xi);
+            let toward_eye = tables.phase.pdf_lanes(&cos_theta);
+            let mut seen = self.score;
+            for c in 0..C {
+                for i in 0..N {
+                    seen[c][i] *= toward_eye[i];
                 }
             }
-            if let Some(bins) = eye[slot] {
-                for c in 0..C {
-                    bins.add(voxel + c, self.score[c][lane] * self.toward_eye[lane], xi);
+            self.add(&sinks.eye, &seen, scored);
+        }
+        if sinks.plain.iter().any(Option::is_some) {
+            let score = self.score;
+            self.add(&sinks.plain, &score, scored);
+        }
+    }
+
+    /// Adds values to the bins of each lane's voxel.
+    #[inline(always)]
+    fn add(&mut self, sinks: &[Option<&Bins>; 3], value: &[Row<f32>; C], scored: u32) {
+        for c in 0..C {
+            let mut units = [0.0f32; N];
+            let mut large = false;
+            for i in 0..N {
+                let xi = (self.word[3][i] & 1023) as f32 * (1.0 / 1024.0) + 0.5 / 1024.0;
+                units[i] = value[c][i] + xi;
+                large |= units[i] >= 2_147_483_648.0;
+            }
+            for lane in bits(scored) {
+                let order = self.order[lane];
+                let Some(bins) = sinks[if order == 0 { 0 } else { 1 + usize::from(order == self.last) }] else {
+                    continue;
+                };
+                let index = self.voxel[0][lane] as usize * C + c;
+                if large {
+                    bins.add(index, units[lane], 0.0);
+                } else {
+                    bins.add_word(index, units[lane] as i32 as u32);
                 }
             }
         }
@@ -717,8 +757,7 @@ impl<const C: usize> Lanes<C> {
         }
         let mut hit = [false; N];
         for i in 0..N {
-            let free_path = if tables.cells.is_some() { 1.0 / self.majorant[i] } else { tables.free_path };
-            let accept = self.density[i] * tables.extinction * free_path;
+            let accept = self.density[i] * tables.extinction * self.free_path[i];
             let xi = uniform(self.word[2][i]);
             hit[i] = xi <= accept;
             self.xi[i] = Real::min(xi / accept, 1.0);
