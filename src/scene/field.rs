@@ -199,16 +199,6 @@ impl<'a> Field<'a> {
         ((c[2] * self.n[1] + c[1]) as usize) * self.n[0] as usize + c[0] as usize
     }
 
-    /// Whether the field may be other than zero in one of the voxels around the corner (i, j, k).
-    pub fn occupied_around(&self, corner: [usize; 3]) -> bool {
-        let Some(occupancy) = self.occupancy else { return true };
-        (0..8).any(|at| {
-            let voxel: [usize; 3] =
-                std::array::from_fn(|a| (corner[a] + (at >> a & 1)).saturating_sub(1).min(self.n[a] as usize - 1));
-            occupancy.voxel(voxel)
-        })
-    }
-
     /// Whether the field may be other than zero in a voxel.
     #[inline(always)]
     pub fn occupied(&self, voxel: [usize; 3]) -> bool {
@@ -219,6 +209,12 @@ impl<'a> Field<'a> {
     #[inline(always)]
     pub fn voxel(&self, c: [i32; 3]) -> f32 {
         self.values[self.index(c)]
+    }
+
+    /// The values from voxel (i, j, k) on, x fastest.
+    #[inline(always)]
+    pub fn from(&self, c: [i32; 3]) -> &'a [f32] {
+        &self.values[self.index(c)..]
     }
 
     /// The cell of interpolation (i, j, k), from -1 to n - 1.
