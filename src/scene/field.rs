@@ -296,10 +296,17 @@ impl<'a> Field<'a> {
     /// between voxel centres.
     #[inline(always)]
     pub fn visit(&self, p: V3, v: V3, end: f32, mut f: impl FnMut([i32; 3], f32, f32) -> bool) {
+        self.runs(p, v, end, |t0, t1| self.visit_cells(p, v, t0, t1, &mut f));
+    }
+
+    /// Calls `f(t0, t1)` for the runs of blocks along `p + t v`, t from 0 to `end`, that are not empty, front to back, until
+    /// it returns false.
+    #[inline(always)]
+    pub fn runs(&self, p: V3, v: V3, end: f32, mut f: impl FnMut(f32, f32) -> bool) {
         // Cells between voxel centres reach over the box's faces, the medium does not.
         let end = end.min(leave(p, v, self.n).1);
         let Some(occupancy) = self.occupancy else {
-            self.visit_cells(p, v, 0.0, end, &mut f);
+            f(0.0, end);
             return;
         };
         const SCALE: f32 = 1.0 / BLOCK as f32;
@@ -312,7 +319,7 @@ impl<'a> Field<'a> {
             if occupied && from == f32::INFINITY {
                 from = t;
             }
-            if !occupied && from < t && !self.visit_cells(p, v, from, t, &mut f) {
+            if !occupied && from < t && !f(from, t) {
                 return;
             }
             if !occupied {
@@ -321,7 +328,7 @@ impl<'a> Field<'a> {
             t = exit.min(end).max(t);
             if exit >= end || !blocks.advance(axis) {
                 if from < t {
-                    self.visit_cells(p, v, from, t, &mut f);
+                    f(from, t);
                 }
                 return;
             }

@@ -105,6 +105,19 @@ impl<'a> Illumination<'a> {
         }
     }
 
+    /// 1 / distance^2 of a point light, 1 for parallel light.
+    #[inline(always)]
+    pub fn falloff(&self, p: V3) -> f32 {
+        match self.source {
+            Source::Point(light) => {
+                let r: V3 = std::array::from_fn(|a| (p[a] - light[a]) * self.h[a]);
+                let d2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+                1.0 / if d2 > 1e-30 { d2 } else { 1e-30 }
+            }
+            Source::Directional(_) => 1.0,
+        }
+    }
+
     /// The column density between the light and a point: interpolated, or by a light ray where that would be wrong.
     #[inline(always)]
     pub fn column(&self, p: V3, incident: &Incident) -> f32 {
@@ -112,6 +125,11 @@ impl<'a> Illumination<'a> {
             Some(nodes) if !self.rays && !self.is_near(p) => interpolate_nodes(nodes, self.field.n(), p),
             _ => self.ray(p, incident),
         }
+    }
+
+    /// The light grid, if columns are interpolated in it.
+    pub fn nodes(&self) -> Option<&'a [f32]> {
+        self.nodes.filter(|_| !self.rays)
     }
 
     /// The column density interpolated in the light grid, a bound of order for importance sampling everywhere.

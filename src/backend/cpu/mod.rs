@@ -1,6 +1,7 @@
 //! The CPU backend: runs a plan on all cores, with the same bits for any number of threads.
 
 pub mod emit;
+mod even;
 pub mod gather;
 pub mod light;
 pub mod pixel_error;
