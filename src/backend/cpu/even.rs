@@ -97,20 +97,23 @@ impl Packed {
         let u: V3 = std::array::from_fn(|a| q[a] - cell[a] as f32);
         let (row, slice) = (n[0] as usize + 2, (n[0] as usize + 2) * (n[1] as usize + 2));
         let base = cell[2] * slice + cell[1] * row + cell[0];
-        let pair = |at: usize| {
-            let two = &self.nodes[at..at + 2];
-            lerp(u[0], &two[0], &two[1])
+        // Neighbours along x lie side by side: both are interpolated along y and z at once.
+        let pair = |at: usize| -> &[f32; 8] {
+            let two: &[[f32; 4]; 2] = self.nodes[at..].first_chunk().unwrap_or(&[[0.0; 4]; 2]);
+            two.as_flattened().first_chunk().unwrap_or(&[0.0; 8])
         };
-        let low = lerp(u[1], &pair(base), &pair(base + row));
-        let high = lerp(u[1], &pair(base + slice), &pair(base + slice + row));
-        lerp(u[2], &low, &high)
+        let low = lerp(u[1], pair(base), pair(base + row));
+        let high = lerp(u[1], pair(base + slice), pair(base + slice + row));
+        let line = lerp(u[2], &low, &high);
+        let [x0, x1]: [[f32; 4]; 2] = [0, 4].map(|from| std::array::from_fn(|i| line[from + i]));
+        lerp(u[0], &x0, &x1)
     }
 }
 
 #[inline(always)]
-fn lerp(u: f32, a: &[f32; 4], b: &[f32; 4]) -> [f32; 4] {
-    let mut between = [0.0; 4];
-    for i in 0..4 {
+fn lerp<const N: usize>(u: f32, a: &[f32; N], b: &[f32; N]) -> [f32; N] {
+    let mut between = [0.0; N];
+    for i in 0..N {
         between[i] = a[i] + u * (b[i] - a[i]);
     }
     between
