@@ -101,7 +101,7 @@ pub struct Outcome {
     pub subvolumes: Option<Vec<f32>>,
     /// Replicates in `subvolumes`.
     pub replicates: usize,
-    /// Column densities towards each light at voxel corners, where used.
+    /// Column densities towards each light at the nodes of its grid, where used.
     pub columns: Vec<Option<Vec<f32>>>,
     /// Where the energy went.
     pub energy: Energy,

@@ -8,6 +8,7 @@ pub fn mean_transmittance(tau: f32) -> f32 {
 
 /// Entry and exit parameters of the line `p + t v` through the box [0, n]: `None` where it misses.
 /// A line in a face's plane counts as inside.
+#[inline]
 pub fn box_range(p: [f64; 3], v: [f64; 3], n: [f64; 3]) -> Option<(f64, f64)> {
     let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {

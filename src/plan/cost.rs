@@ -23,12 +23,12 @@ pub fn memory(plan: &Plan) -> Memory {
     let volume = &plan.scene.medium.volume;
     let voxels = volume.voxels() as u64;
     let values = voxels * plan.channels as u64;
-    let corners: u64 = volume.n().iter().map(|&m| m as u64 + 1).product();
+    let nodes: u64 = volume.n().iter().map(|&m| m as u64 + 2).product();
     let grids = plan
         .lights
         .iter()
         .zip(&plan.scene.lights)
-        .filter(|(l, light)| uses_corners(l, light, volume.is_constant()))
+        .filter(|(l, light)| uses_grid(l, light, volume.is_constant()))
         .count() as u64;
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
@@ -45,7 +45,7 @@ pub fn memory(plan: &Plan) -> Memory {
         ("tally bins", values * 4 * (plan.layers.len() * bin_sets(plan)) as u64),
         ("moments", values * 12 * moments),
         ("replicate volumes", values * 4 * plan.subvolumes as u64),
-        ("light grids", corners * 4 * grids),
+        ("light grids", nodes * 4 * grids),
         ("first collisions", voxels * 4 * first),
         ("results", values * 4 * (wants_fluence * 2 + wants_source * 3)),
     ];
@@ -66,11 +66,11 @@ pub fn bin_sets(plan: &Plan) -> usize {
     if bytes * sets <= PRIVATE_BINS { sets } else { 1 }
 }
 
-/// Whether a light keeps a grid of column densities at voxel corners.
-pub fn uses_corners(plan: &super::LightPlan, light: &Light, constant: bool) -> bool {
+/// Whether a light keeps a grid of column densities.
+pub fn uses_grid(plan: &super::LightPlan, light: &Light, constant: bool) -> bool {
     !constant
         && matches!(light, Light::Point { .. } | Light::Directional { .. })
-        && (plan.column == Column::Corners
+        && (plan.column == Column::Grid
             || plan.emission == Emission::FirstCollision
             || matches!(plan.direct, Direct::Quadrature { rays: false, .. }))
 }
@@ -160,7 +160,7 @@ pub fn seconds(plan: &Plan) -> f64 {
         .lights
         .iter()
         .zip(&plan.scene.lights)
-        .filter(|(l, light)| uses_corners(l, light, volume.is_constant()))
+        .filter(|(l, light)| uses_grid(l, light, volume.is_constant()))
         .count() as f64;
     let points: f64 = plan
         .lights
@@ -171,7 +171,8 @@ pub fn seconds(plan: &Plan) -> f64 {
             _ => 0.0,
         })
         .sum();
-    let light = volume.voxels() as f64 * side * 0.5 * 6e-9 * (grids + points) / threads;
+    // A sweep reads each voxel a few times, a ray crosses half of the volume.
+    let light = volume.voxels() as f64 * (45e-9 * grids + side * 0.5 * 6e-9 * points) / threads;
     let batches = plan.batches.unwrap_or(plan.subvolumes.max(16) as u64);
     let photons = (plan.batch_photons * batches) as f64 / plan.photons_per_second;
     let folds = batches as f64 * volume.voxels() as f64 * plan.channels as f64 * 5e-9 / threads;

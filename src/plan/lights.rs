@@ -21,7 +21,7 @@ pub enum Direct {
     Quadrature {
         /// Points per axis.
         points: usize,
-        /// A light ray from each point, rather than the corners' columns put right by one ray from the centre.
+        /// A light ray from each point, rather than the light grid put right by one ray from the centre.
         rays: bool,
     },
     /// Exactly, along a pencil beam.
@@ -33,8 +33,8 @@ pub enum Direct {
 /// How the optical depth towards a light is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Column {
-    /// Interpolated between voxel corners.
-    Corners,
+    /// Interpolated in the light grid.
+    Grid,
     /// By a light ray from every point.
     Rays,
 }
@@ -54,7 +54,7 @@ pub struct LightPlan {
     pub interpolated_starts: bool,
 }
 
-/// Above this relative error of an order 1 image the optical depth towards a light is not interpolated between corners.
+/// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
 const INTERPOLATION_ERROR: f64 = 0.005;
 /// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has
 /// forgotten most of it.
@@ -70,7 +70,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
         Light::Environment { .. } => LightPlan {
             emission: Emission::AtLight,
             direct: Direct::Sampled,
-            column: Column::Corners,
+            column: Column::Grid,
             interpolation_error: 0.0,
             interpolated_starts: false,
         },
@@ -95,7 +95,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
             let constant = volume.is_constant();
             let interpolation_error = if constant { 0.0 } else { probe::interpolation_error(scene, light) };
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
-            let column = if rays { Column::Rays } else { Column::Corners };
+            let column = if rays { Column::Rays } else { Column::Grid };
             let direct = choose_quadrature(depth, volume.voxels(), constant);
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;
             LightPlan { emission, direct, column, interpolation_error, interpolated_starts }

@@ -303,8 +303,8 @@ impl Explain {
             Direct::Sampled => "order 0 by photons".into(),
         };
         let column = match (plan.direct, plan.column) {
-            (Direct::Beam, _) | (Direct::Sampled, Column::Corners) => String::new(),
-            (_, Column::Corners) => ", depth towards it from the light grid".into(),
+            (Direct::Beam, _) | (Direct::Sampled, Column::Grid) => String::new(),
+            (_, Column::Grid) => ", depth towards it from the light grid".into(),
             (_, Column::Rays) => ", depth towards it by light rays".into(),
         };
         let emission = match plan.emission {

@@ -11,7 +11,7 @@ const POINTS: usize = 12;
 const TRIES: usize = 2000;
 
 /// The root mean square error that an order 1 image would have if the optical depth towards the light were interpolated
-/// between voxel corners, over the image's own. Points are drawn along the camera's rays as their light reaches the eye.
+/// in the light grid, over the image's own. Points are drawn along the camera's rays as their light reaches the eye.
 pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
     let volume = &scene.medium.volume;
     let occupancy = Occupancy::new(volume);
@@ -33,13 +33,19 @@ pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
         let v: V3 = std::array::from_fn(|a| (to[a] / h[a]) as f32);
         f64::from(field.column(p, v, end as f32))
     };
+    // Nodes beyond a face carry on the line through the centre before it and the face.
+    let node = |p: V3| {
+        let face: V3 = std::array::from_fn(|a| p[a].clamp(0.0, n[a] as f32));
+        if face == p { column(p) } else { 2.0 * column(face) - column(std::array::from_fn(|a| 2.0 * face[a] - p[a])) }
+    };
     let interpolated = |p: V3| {
-        let low: V3 = std::array::from_fn(|a| p[a].floor().min(n[a] as f32 - 1.0));
-        (0..8).fold(0.0, |sum, corner| {
+        let low: V3 = std::array::from_fn(|a| (p[a] - 0.5).floor() + 0.5);
+        let sum = (0..8).fold(0.0, |sum, corner| {
             let side: V3 = std::array::from_fn(|a| (corner >> a & 1) as f32);
             let weight: f32 = (0..3).map(|a| (1.0 - side[a]) + (2.0 * side[a] - 1.0) * (p[a] - low[a])).product();
-            sum + f64::from(weight) * column(std::array::from_fn(|a| low[a] + side[a]))
-        })
+            sum + f64::from(weight) * node(std::array::from_fn(|a| low[a] + side[a]))
+        });
+        sum.max(0.0)
     };
     let [width, height] = scene.camera.resolution.map(|r| r as f64);
     let (mut error, mut square, mut rays) = (0.0, 0.0, 0);

@@ -220,7 +220,7 @@ impl<'py> Stored<'py> {
         let py = dict.py();
         let volume = &scene.medium.volume;
         let values = volume.voxels() * scene.channels();
-        let corners: usize = volume.n().iter().map(|m| m + 1).product();
+        let nodes: usize = volume.n().iter().map(|m| m + 2).product();
         let borrow = |value: &Bound<'py, PyAny>, name: &str, fits: &dyn Fn(usize) -> bool| {
             let array = value.extract::<PyReadonlyArrayDyn<f32>>()?;
             if !fits(array.len()) || array.as_slice().is_err() {
@@ -235,11 +235,7 @@ impl<'py> Stored<'py> {
         let mut columns = Vec::new();
         for column in get(dict, "columns")?.cast::<PySequence>()?.try_iter()? {
             let column = column?;
-            columns.push(if column.is_none() {
-                None
-            } else {
-                Some(borrow(&column, "columns", &|len| len == corners)?)
-            });
+            columns.push(if column.is_none() { None } else { Some(borrow(&column, "columns", &|len| len == nodes)?) });
         }
         columns.resize_with(scene.lights.len(), || None);
         Ok(Stored {

@@ -152,7 +152,7 @@ fn gather<'py>(
     let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
     let occupancy = occupancy.as_ref();
     let columns: Vec<_> =
-        stored.columns.iter().map(|c| if c.is_some() { Column::Corners } else { Column::Rays }).collect();
+        stored.columns.iter().map(|c| if c.is_some() { Column::Grid } else { Column::Rays }).collect();
     // Without a scattering no light is seen in the medium.
     let dark = convert::optional::<u64>(volumes, "max_scatterings")? == Some(0);
     let lights = parsed
@@ -161,8 +161,8 @@ fn gather<'py>(
         .filter(|_| !dark)
         .zip(&columns)
         .zip(&stored.columns)
-        .filter_map(|((light, how), corners)| {
-            cpu::light::Illumination::new(&parsed, occupancy, light, *how, corners.as_ref().map(|c| c.slice()))
+        .filter_map(|((light, how), nodes)| {
+            cpu::light::Illumination::new(&parsed, occupancy, light, *how, nodes.as_ref().map(|c| c.slice()))
         })
         .collect();
     let volumes = Volumes {
@@ -268,7 +268,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     let columns = PyList::empty(py);
     for grid in outcome.columns {
         match grid {
-            Some(grid) => columns.append(array(py, grid, &shape.map(|m| m + 1), 1, 1)?)?,
+            Some(grid) => columns.append(array(py, grid, &shape.map(|m| m + 2), 1, 1)?)?,
             None => columns.append(py.None())?,
         }
     }

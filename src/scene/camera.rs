@@ -94,6 +94,7 @@ impl Camera {
     }
 
     /// Origin and unit direction of the ray through (x, y) in pixels, (0, 0) at the upper left corner.
+    #[inline]
     pub fn ray(&self, x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
         let [width, height] = self.resolution.map(|r| r as f64);
         let u = 2.0 * x / width - 1.0;

@@ -205,16 +205,6 @@ impl<'a> Field<'a> {
         ((c[2] * self.n[1] + c[1]) as usize) * self.n[0] as usize + c[0] as usize
     }
 
-    /// Whether the field may be other than zero in one of the voxels around the corner (i, j, k).
-    pub fn occupied_around(&self, corner: [usize; 3]) -> bool {
-        let Some(occupancy) = self.occupancy else { return true };
-        (0..8).any(|at| {
-            let voxel: [usize; 3] =
-                std::array::from_fn(|a| (corner[a] + (at >> a & 1)).saturating_sub(1).min(self.n[a] as usize - 1));
-            occupancy.voxel(voxel)
-        })
-    }
-
     /// Whether the field may be other than zero in a voxel.
     #[inline(always)]
     pub fn occupied(&self, voxel: [usize; 3]) -> bool {
@@ -225,6 +215,12 @@ impl<'a> Field<'a> {
     #[inline(always)]
     pub fn voxel(&self, c: [i32; 3]) -> f32 {
         self.values[self.index(c)]
+    }
+
+    /// The values from voxel (i, j, k) on, x fastest.
+    #[inline(always)]
+    pub fn from(&self, c: [i32; 3]) -> &'a [f32] {
+        &self.values[self.index(c)..]
     }
 
     /// The cell of interpolation (i, j, k), from -1 to n - 1.
@@ -306,10 +302,17 @@ impl<'a> Field<'a> {
     /// between voxel centres.
     #[inline(always)]
     pub fn visit(&self, p: V3, v: V3, end: f32, mut f: impl FnMut([i32; 3], f32, f32) -> bool) {
+        self.runs(p, v, end, |t0, t1| self.visit_cells(p, v, t0, t1, &mut f));
+    }
+
+    /// Calls `f(t0, t1)` for the runs of blocks along `p + t v`, t from 0 to `end`, that are not empty, front to back, until
+    /// it returns false.
+    #[inline(always)]
+    pub fn runs(&self, p: V3, v: V3, end: f32, mut f: impl FnMut(f32, f32) -> bool) {
         // Cells between voxel centres reach over the box's faces, the medium does not.
         let end = end.min(leave(p, v, self.n).1);
         let Some(occupancy) = self.occupancy else {
-            self.visit_cells(p, v, 0.0, end, &mut f);
+            f(0.0, end);
             return;
         };
         const SCALE: f32 = 1.0 / BLOCK as f32;
@@ -322,7 +325,7 @@ impl<'a> Field<'a> {
             if occupied && from == f32::INFINITY {
                 from = t;
             }
-            if !occupied && from < t && !self.visit_cells(p, v, from, t, &mut f) {
+            if !occupied && from < t && !f(from, t) {
                 return;
             }
             if !occupied {
@@ -331,7 +334,7 @@ impl<'a> Field<'a> {
             t = exit.min(end).max(t);
             if exit >= end || !blocks.advance(axis) {
                 if from < t {
-                    self.visit_cells(p, v, from, t, &mut f);
+                    f(from, t);
                 }
                 return;
             }

@@ -1,6 +1,7 @@
 //! The voxel box: extents, spacing, place, and the density in it.
 
 use crate::error::{Result, scene_error};
+use rayon::prelude::*;
 
 /// Densities of `n[0] x n[1] x n[2]` voxels (x fastest) of the size `spacing`, the lower corner at `origin`. Axes in the
 /// order x, y, z throughout the crate; Python's (z, y, x) is turned at the border.
@@ -38,7 +39,8 @@ impl<'a> Volume<'a> {
         }
         let origin = super::finite(origin, "origin")?;
         let bad = |d: &&f32| !(d.is_finite() && **d >= 0.0);
-        if let Some(first) = density.iter().position(|d| bad(&d)) {
+        let (valid, min, max, sum) = survey(density);
+        if !valid && let Some(first) = density.iter().position(|d| bad(&d)) {
             let count = density.iter().filter(bad).count();
             let (k, j, i) = (first / (n[0] * n[1]), first / n[0] % n[1], first % n[0]);
             return scene_error(format!(
@@ -46,12 +48,6 @@ impl<'a> Volume<'a> {
                  densities must be finite, not negative and within float32",
                 density[first]
             ));
-        }
-        let (mut min, mut max, mut sum) = (f32::INFINITY, 0.0f32, 0.0f64);
-        for &d in density {
-            min = min.min(d);
-            max = max.max(d);
-            sum += f64::from(d);
         }
         Ok(Volume { density, n, spacing, origin, linear, min, max, mean: sum / voxels as f64 })
     }
@@ -126,4 +122,22 @@ impl<'a> Volume<'a> {
     pub fn local(&self, world: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| world[a] - self.origin[a])
     }
+}
+
+/// Whether all densities are valid, the smallest, the largest, and their sum, which does not depend on the threads.
+fn survey(density: &[f32]) -> (bool, f32, f32, f64) {
+    let parts: Vec<_> = density
+        .par_chunks(1 << 16)
+        .map(|part| {
+            part.iter().fold((true, f32::INFINITY, 0.0f32, 0.0f64), |(valid, min, max, sum), &d| {
+                (valid & d.is_finite() & (d >= 0.0), min.min(d), max.max(d), sum + f64::from(d))
+            })
+        })
+        .collect();
+    parts.into_iter().reduce(|a, b| (a.0 && b.0, a.1.min(b.1), a.2.max(b.2), a.3 + b.3)).unwrap_or((
+        true,
+        f32::INFINITY,
+        0.0,
+        0.0,
+    ))
 }

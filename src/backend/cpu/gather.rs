@@ -1,12 +1,13 @@
 //! The gather: images from what the run left in the voxels, deterministic, front to back, for any camera.
 //!
 //! Along a view ray the source term is sigma_s * (order 1 + J): order 1 from the lights directly, J interpolated between
-//! voxel centres. Each cell within which the density is one polynomial is cut into steps of at most half an optical depth,
-//! with two Gauss points each.
+//! voxel centres. Rays through smooth volumes take even steps (the neighbour [`super::even`]); the others walk each cell
+//! within which the density is one polynomial, cut into steps of at most half an optical depth with two Gauss points each.
 
+use super::even::{Packed, suits};
 use super::light::{GAUSS, Illumination, Source};
-use super::track::enter;
 use crate::physics::Phase;
+use crate::physics::flight::box_range;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene};
 use rayon::prelude::*;
@@ -14,7 +15,7 @@ use rayon::prelude::*;
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;
 /// A ray ends where its transmittance is below exp(-this).
-const OPAQUE: f32 = 12.0;
+pub(super) const OPAQUE: f32 = 12.0;
 
 /// What the gather reads.
 pub struct Volumes<'a> {
@@ -44,10 +45,10 @@ pub struct Image {
 }
 
 /// One view ray's sums: `C` channels, `S` values of the source volume.
-struct Sums<const C: usize, const S: usize> {
-    order1: [f32; C],
-    source: [f32; S],
-    column: f32,
+pub(super) struct Sums<const C: usize, const S: usize> {
+    pub order1: [f32; C],
+    pub source: [f32; S],
+    pub column: f32,
 }
 
 /// The layers of all pixels, or of the given ones.
@@ -107,12 +108,27 @@ fn gather<const C: usize, const S: usize>(
     pixels: Option<&[usize]>,
     stop: &(impl Fn() -> bool + Sync),
 ) -> Image {
+    look(View::<C, S>::new(volumes), camera, pixels, stop)
+}
+
+/// The image of a view.
+pub(super) fn look<const C: usize, const S: usize>(
+    mut view: View<C, S>,
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    stop: &(impl Fn() -> bool + Sync),
+) -> Image {
     let [width, height] = camera.resolution;
     let count = pixels.map_or(width * height, <[usize]>::len);
     let mut image =
         Image { order1: vec![0.0; count * C], order2: vec![0.0; count * S], transmittance: vec![1.0; count * C] };
-    let view = View::<C, S>::new(volumes);
-    let fine = samples_per_axis(volumes.scene, camera);
+    let fine = samples_per_axis(view.volumes.scene, camera);
+    if view.even {
+        let rays = (count * fine * fine) as f64;
+        view.packed = Packed::new(&view, rays * view.field.n().map(f64::from).iter().sum::<f64>() / 3.0);
+    }
+    let corners = pixels.is_none().then(|| view.corner_hits(camera));
+    let corners = corners.as_deref();
     // Tiles along a row: neighbouring pixels read the same voxels.
     const TILE: usize = 32;
     image
@@ -127,8 +143,12 @@ fn gather<const C: usize, const S: usize>(
             }
             for at in 0..order1.len() / C {
                 let pixel = pixels.map_or(tile * TILE + at, |list| list[tile * TILE + at]);
-                let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
-                view.pixel(camera, x, y, fine, |one, more, through| {
+                let (x, y) = (pixel % width, pixel / width);
+                let hits = match corners {
+                    Some(hits) => [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| hits[(y + v) * (width + 1) + x + u]),
+                    None => [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| view.hits(camera, x + u, y + v)),
+                };
+                view.pixel(camera, (x as f64, y as f64), hits, fine, |one, more, through| {
                     for c in 0..C {
                         order1[at * C + c] = one[c];
                         transmittance[at * C + c] = through[c];
@@ -156,27 +176,32 @@ fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
 }
 
 /// Everything along view rays that does not change from ray to ray.
-struct View<'a, const C: usize, const S: usize> {
-    volumes: &'a Volumes<'a>,
-    field: Field<'a>,
-    albedo: Option<Field<'a>>,
+pub(super) struct View<'a, const C: usize, const S: usize> {
+    pub volumes: &'a Volumes<'a>,
+    pub field: Field<'a>,
+    pub albedo: Option<Field<'a>>,
     phase: &'a Phase,
-    isotropic: bool,
-    extinction: [f32; 3],
-    constant_albedo: [f32; 3],
-    least_extinction: f32,
+    pub isotropic: bool,
+    pub extinction: [f32; 3],
+    pub constant_albedo: [f32; 3],
+    pub least_extinction: f32,
     most_extinction: f32,
-    h: [f64; 3],
+    pub h: [f64; 3],
+    /// Whether rays take even steps, unless they pass a light.
+    pub even: bool,
+    pub packed: Option<Packed>,
 }
 
 impl<'a, const C: usize, const S: usize> View<'a, C, S> {
-    fn new(volumes: &'a Volumes<'a>) -> Self {
+    pub fn new(volumes: &'a Volumes<'a>) -> Self {
         let medium = &volumes.scene.medium;
         let extinction = medium.extinction.rgb.map(|e| e as f32);
         let (constant_albedo, albedo) = match medium.albedo {
             Albedo::Constant(a) => (a.rgb.map(|x| x as f32), None),
             Albedo::PerVoxel(values) => ([1.0; 3], Some(Field::new(values, &medium.volume))),
         };
+        let h = medium.volume.spacing();
+        let depth = medium.max_sigma_t() * h.into_iter().fold(0.0, f64::max);
         View {
             volumes,
             field: Field::density(&medium.volume).skipping(volumes.occupancy),
@@ -187,17 +212,45 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             constant_albedo,
             least_extinction: extinction.iter().copied().fold(f32::INFINITY, f32::min),
             most_extinction: extinction.iter().copied().fold(0.0, f32::max),
-            h: medium.volume.spacing(),
+            h,
+            even: suits(depth, medium.volume.linear(), medium.volume.is_constant()),
+            packed: None,
         }
     }
 
-    /// The mean over the pixel with the upper left corner (x, y).
-    fn pixel(&self, camera: &Camera, x: f64, y: f64, fine: usize, put: impl FnOnce(&[f32; C], &[f32; S], &[f32; C])) {
-        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
-        let hits = corners.iter().filter(|(u, v)| self.range(camera, x + u, y + v).is_some()).count();
-        let edge = hits != 0 && hits != 4;
-        let centre = (x + 0.5, y + 0.5);
-        let bright = self.volumes.lights.iter().map(|light| self.sees(camera, centre, light)).fold(1, usize::max);
+    /// Whether the ray through a pixel's upper left corner meets the box.
+    fn hits(&self, camera: &Camera, x: usize, y: usize) -> bool {
+        self.range(camera, x as f64, y as f64).is_some()
+    }
+
+    /// The same for all corners of the image's pixels, row by row.
+    fn corner_hits(&self, camera: &Camera) -> Vec<bool> {
+        let [width, height] = camera.resolution;
+        let mut hits = vec![false; (width + 1) * (height + 1)];
+        hits.par_chunks_mut(width + 1).enumerate().for_each(|(y, row)| {
+            for (x, hit) in row.iter_mut().enumerate() {
+                *hit = self.hits(camera, x, y);
+            }
+        });
+        hits
+    }
+
+    /// The mean over the pixel with the upper left corner (x, y), of whose corners some meet the box.
+    #[inline(always)]
+    fn pixel(
+        &self,
+        camera: &Camera,
+        (x, y): (f64, f64),
+        hits: [bool; 4],
+        fine: usize,
+        put: impl FnOnce(&[f32; C], &[f32; S], &[f32; C]),
+    ) {
+        let edge = hits.contains(&true) && hits.contains(&false);
+        let centre = self.range(camera, x + 0.5, y + 0.5);
+        let bright = match &centre {
+            Some(ray) => self.volumes.lights.iter().map(|light| self.sees(camera, ray, light)).fold(1, usize::max),
+            None => 1,
+        };
         let n = fine.max(if edge { 8 } else { 1 }).max(bright);
         let mut order1 = [0.0f32; C];
         let mut source = [0.0f32; S];
@@ -205,7 +258,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         let weight = 1.0 / (n * n) as f32;
         for at in 0..n * n {
             let (u, v) = (((at % n) as f64 + 0.5) / n as f64, ((at / n) as f64 + 0.5) / n as f64);
-            match self.range(camera, x + u, y + v) {
+            match if n == 1 { centre } else { self.range(camera, x + u, y + v) } {
                 None => through = through.map(|t| t + weight),
                 Some(mut ray) => {
                     ray.least_off /= n as f32;
@@ -224,13 +277,18 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     }
 
     /// The ray through a point of the image, within the box.
+    #[inline(always)]
     fn range(&self, camera: &Camera, x: f64, y: f64) -> Option<Ray> {
         let (origin, direction) = camera.ray(x, y);
         let local = self.volumes.scene.medium.volume.local(origin);
         let n = self.field.n();
         let p: [f64; 3] = std::array::from_fn(|a| local[a] / self.h[a]);
         let v: [f64; 3] = std::array::from_fn(|a| direction[a] / self.h[a]);
-        let (t0, t1) = enter(p, v, n)?;
+        let (t0, t1) = box_range(p, v, n.map(f64::from))?;
+        let t0 = t0.max(0.0);
+        if t1 <= t0 {
+            return None;
+        }
         Some(Ray {
             p: std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, f64::from(n[a])) as f32),
             v: v.map(|c| c as f32),
@@ -241,9 +299,9 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     }
 
     /// Rays per axis that a pixel needs because a point light in the box stands near its line of sight: 1/d^2 is steep.
-    fn sees(&self, camera: &Camera, (x, y): (f64, f64), light: &Illumination) -> usize {
+    fn sees(&self, camera: &Camera, ray: &Ray, light: &Illumination) -> usize {
         let Source::Point(position) = light.source else { return 1 };
-        let Some(Ray { p, direction: d, length, .. }) = self.range(camera, x, y) else { return 1 };
+        let Ray { p, direction: d, length, .. } = *ray;
         let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * self.h[a] as f32);
         let t = (0..3).map(|a| to[a] * d[a]).sum::<f32>();
         let off = (0..3).map(|a| (to[a] - t * d[a]).powi(2)).sum::<f32>().sqrt();
@@ -260,7 +318,13 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     }
 
     /// Sums along one ray.
+    #[inline(always)]
     fn ray(&self, ray: &Ray) -> Sums<C, S> {
+        if self.even && !self.passes_light(ray) { self.even(ray) } else { self.exact(ray) }
+    }
+
+    /// Sums along one ray, cell by cell.
+    fn exact(&self, ray: &Ray) -> Sums<C, S> {
         let mut sums = Sums { order1: [0.0; C], source: [0.0; S], column: 0.0 };
         let linear = self.field.linear();
         self.field.visit(ray.p, ray.v, ray.length, |cell, t0, t1| {
@@ -316,7 +380,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
 
     /// Adds what the volumes hold at a node.
     #[inline(always)]
-    fn volume_terms(&self, sums: &mut Sums<C, S>, p: V3, factor: &[f32; C]) {
+    pub fn volume_terms(&self, sums: &mut Sums<C, S>, p: V3, factor: &[f32; C]) {
         if let Some(source) = self.volumes.source0 {
             let j = interpolate::<C>(source, self.field.n(), p);
             for c in 0..C {
@@ -353,7 +417,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
 
     /// P from the light's direction into that towards the eye, which is against the view ray.
     #[inline(always)]
-    fn toward_eye(&self, light: &V3, view: &V3) -> f32 {
+    pub fn toward_eye(&self, light: &V3, view: &V3) -> f32 {
         if self.isotropic {
             return 0.25 * std::f32::consts::FRAC_1_PI;
         }
@@ -396,11 +460,11 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
 
 /// A view ray within the box.
 #[derive(Debug, Clone, Copy)]
-struct Ray {
-    p: V3,
-    v: V3,
-    direction: V3,
-    length: f32,
+pub(super) struct Ray {
+    pub p: V3,
+    pub v: V3,
+    pub direction: V3,
+    pub length: f32,
     /// Nearest that it is taken to pass a light: a part of its share of the pixel.
     least_off: f32,
 }
@@ -441,7 +505,7 @@ fn close_light(light: &Illumination, h: [f64; 3], p: V3, direction: V3, step: f3
 
 /// `N` values per voxel, linear between voxel centres.
 #[inline(always)]
-fn interpolate<const N: usize>(values: &[f32], n: [i32; 3], p: V3) -> [f32; N] {
+pub(super) fn interpolate<const N: usize>(values: &[f32], n: [i32; 3], p: V3) -> [f32; N] {
     let (x0, x1, u) = between(p[0], n[0]);
     let (y0, y1, v) = between(p[1], n[1]);
     let (z0, z1, w) = between(p[2], n[2]);

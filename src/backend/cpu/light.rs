@@ -54,19 +54,20 @@ pub struct Illumination<'a> {
     pub value: [f32; 3],
     field: Field<'a>,
     h: V3,
-    corners: Option<&'a [f32]>,
+    nodes: Option<&'a [f32]>,
     rays: bool,
     enough: f32,
 }
 
 impl<'a> Illumination<'a> {
-    /// The view of a light; `None` for beams and environments. `corners` are its column densities at voxel corners.
+    /// The view of a light; `None` for beams and environments. `nodes` are its column densities at
+    /// the nodes of the light grid.
     pub fn new(
         scene: &Scene<'a>,
         occupancy: Option<&'a Occupancy>,
         light: &Light,
         column: Column,
-        corners: Option<&'a [f32]>,
+        nodes: Option<&'a [f32]>,
     ) -> Option<Self> {
         let volume = &scene.medium.volume;
         let h = volume.spacing();
@@ -83,8 +84,8 @@ impl<'a> Illumination<'a> {
             value: light.value().rgb.map(|v| v as f32),
             field: Field::density(volume).skipping(occupancy),
             h: h.map(|c| c as f32),
-            corners,
-            rays: column == Column::Rays || corners.is_none(),
+            nodes,
+            rays: column == Column::Rays || nodes.is_none(),
             // What is behind 40 mean free paths is dark, in all channels.
             enough: (40.0 / scene.medium.extinction.rgb.iter().fold(f64::INFINITY, |m, &e| m.min(e))) as f32,
         })
@@ -104,20 +105,38 @@ impl<'a> Illumination<'a> {
         }
     }
 
+    /// 1 / distance^2 of a point light, 1 for parallel light.
+    #[inline(always)]
+    pub fn falloff(&self, p: V3) -> f32 {
+        match self.source {
+            Source::Point(light) => {
+                let r: V3 = std::array::from_fn(|a| (p[a] - light[a]) * self.h[a]);
+                let d2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+                1.0 / if d2 > 1e-30 { d2 } else { 1e-30 }
+            }
+            Source::Directional(_) => 1.0,
+        }
+    }
+
     /// The column density between the light and a point: interpolated, or by a light ray where that would be wrong.
     #[inline(always)]
     pub fn column(&self, p: V3, incident: &Incident) -> f32 {
-        match self.corners {
-            Some(corners) if !self.rays && !self.is_near(p) => interpolate_corners(corners, self.field.n(), p),
+        match self.nodes {
+            Some(nodes) if !self.rays && !self.is_near(p) => interpolate_nodes(nodes, self.field.n(), p),
             _ => self.ray(p, incident),
         }
     }
 
-    /// The column density interpolated between voxel corners, a bound of order for importance sampling everywhere.
+    /// The light grid, if columns are interpolated in it.
+    pub fn nodes(&self) -> Option<&'a [f32]> {
+        self.nodes.filter(|_| !self.rays)
+    }
+
+    /// The column density interpolated in the light grid, a bound of order for importance sampling everywhere.
     #[inline(always)]
     pub fn rough_column(&self, p: V3, incident: &Incident) -> f32 {
-        match self.corners {
-            Some(corners) => interpolate_corners(corners, self.field.n(), p),
+        match self.nodes {
+            Some(nodes) => interpolate_nodes(nodes, self.field.n(), p),
             None => self.ray(p, incident),
         }
     }
@@ -150,47 +169,32 @@ impl<'a> Illumination<'a> {
         self.field.at(p)
     }
 
-    /// The column densities at the (nx + 1)(ny + 1)(nz + 1) voxel corners: `everywhere`, or only where the density next to
-    /// them is not zero, which is where light scatters.
-    pub fn corner_columns(&self, everywhere: bool, control: &Control) -> Vec<f32> {
-        let n = self.field.n().map(|m| m as usize + 1);
-        let mut columns = vec![0.0f32; n[0] * n[1] * n[2]];
-        columns.par_chunks_mut(n[0]).enumerate().for_each(|(row, out)| {
-            if control.stopped() {
-                return;
-            }
-            let (j, k) = (row % n[1], row / n[1]);
-            for (i, column) in out.iter_mut().enumerate() {
-                let surface = i % (n[0] - 1) == 0 || j % (n[1] - 1) == 0 || k % (n[2] - 1) == 0;
-                if !everywhere && !surface && !self.field.occupied_around([i, j, k]) {
-                    continue;
-                }
-                let p = [i as f32, j as f32, k as f32];
-                let incident = self.incident(p);
-                *column = if incident.distance > 1e-15 { self.ray(p, &incident) } else { 0.0 };
-            }
-        });
-        columns
+    /// The column densities at the nodes of the light grid: the voxel centres, and one layer of centres beyond each face,
+    /// where they are such that interpolation is right on the face. [nx + 2][ny + 2][nz + 2] values, x fastest.
+    pub fn columns(&self, control: &Control) -> Vec<f32> {
+        super::sweep::columns(&self.field, self.h, self.source, control)
     }
 }
 
+/// Interpolates between the nodes of the light grid.
 #[inline(always)]
-fn interpolate_corners(corners: &[f32], n: [i32; 3], p: V3) -> f32 {
-    let cell: [usize; 3] = std::array::from_fn(|a| (p[a].max(0.0) as usize).min(n[a] as usize - 1));
-    let u: V3 = std::array::from_fn(|a| p[a] - cell[a] as f32);
-    let (row, slice) = (n[0] as usize + 1, (n[0] as usize + 1) * (n[1] as usize + 1));
+fn interpolate_nodes(nodes: &[f32], n: [i32; 3], p: V3) -> f32 {
+    let q: V3 = std::array::from_fn(|a| (p[a] + 0.5).max(0.0));
+    let cell: [usize; 3] = std::array::from_fn(|a| (q[a] as usize).min(n[a] as usize));
+    let u: V3 = std::array::from_fn(|a| q[a] - cell[a] as f32);
+    let (row, slice) = (n[0] as usize + 2, (n[0] as usize + 2) * (n[1] as usize + 2));
     let base = cell[2] * slice + cell[1] * row + cell[0];
-    let c = corners;
+    let c = nodes;
     let x = |at: usize| c[at] + u[0] * (c[at + 1] - c[at]);
     let y0 = x(base);
     let y0 = y0 + u[1] * (x(base + row) - y0);
     let y1 = x(base + slice);
     let y1 = y1 + u[1] * (x(base + slice + row) - y1);
-    y0 + u[2] * (y1 - y0)
+    (y0 + u[2] * (y1 - y0)).max(0.0)
 }
 
 /// The mean unscattered fluence of voxel `cell`, per channel, for a light of one direction a point, by `points`^3 Gauss
-/// points. With `rays` each has a light ray; else the columns between the corners are shifted to be right at the centre.
+/// points. With `rays` each has a light ray; else the columns of the light grid are shifted to be right at the centre.
 pub fn voxel_fluence(
     light: &Illumination,
     extinction: &[f32; 3],

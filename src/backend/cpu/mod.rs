@@ -1,6 +1,7 @@
 //! The CPU backend: runs a plan on all cores, with the same bits for any number of threads.
 
 pub mod emit;
+mod even;
 pub mod gather;
 pub mod lanes;
 pub mod light;
@@ -8,6 +9,7 @@ pub mod pixel_error;
 mod settle;
 pub mod shoot;
 pub mod simd;
+mod sweep;
 pub mod track;
 
 use crate::backend::Control;
@@ -71,22 +73,20 @@ fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
         .lights
         .iter()
         .zip(columns)
-        .map(|(light, grid)| grid.filter(|_| light.column == Column::Corners && plan.settings.image))
+        .map(|(light, grid)| grid.filter(|_| light.column == Column::Grid && plan.settings.image))
         .collect();
     outcome.seconds = [light_seconds, photon_seconds, control.seconds() - light_seconds - photon_seconds];
     Ok(outcome)
 }
 
-/// The column densities at voxel corners of the lights that need them.
+/// The light grids of the lights that need them.
 fn light_grids(plan: &Plan, occupancy: Option<&Occupancy>, control: &Control) -> Vec<Option<Vec<f32>>> {
     let scene = plan.scene;
     let grid = |(light, how): (&Light, &crate::plan::LightPlan)| {
-        if !cost::uses_corners(how, light, scene.medium.volume.is_constant()) {
+        if !cost::uses_grid(how, light, scene.medium.volume.is_constant()) {
             return None;
         }
-        let everywhere = plan.settings.fluence || plan.settings.radiance;
-        Illumination::new(scene, occupancy, light, how.column, None)
-            .map(|view| view.corner_columns(everywhere, control))
+        Illumination::new(scene, occupancy, light, how.column, None).map(|view| view.columns(control))
     };
     scene.lights.iter().zip(&plan.lights).map(grid).collect()
 }
@@ -103,7 +103,7 @@ pub fn illuminations<'a>(
         .iter()
         .zip(how)
         .zip(columns)
-        .map(|((light, column), corners)| Illumination::new(scene, occupancy, light, column, corners.as_deref()))
+        .map(|((light, column), nodes)| Illumination::new(scene, occupancy, light, column, nodes.as_deref()))
         .collect()
 }
 

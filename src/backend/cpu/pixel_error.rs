@@ -28,7 +28,7 @@ pub fn bias(
     stop: &(impl Fn() -> bool + Sync),
 ) -> Vec<f32> {
     let n = volumes.scene.medium.volume.n();
-    let mut difference = smooth(source, n, volumes.channels);
+    let mut difference = smooth(source, n, volumes.channels, stop);
     difference.par_iter_mut().zip(source).for_each(|(s, j)| *s -= j);
     let change = Volumes {
         scene: volumes.scene,
@@ -42,17 +42,23 @@ pub fn bias(
 }
 
 /// One pass of (1/8, 6/8, 1/8) along each axis, clamped at the border.
-fn smooth(values: &[f32], n: [usize; 3], channels: usize) -> Vec<f32> {
+fn smooth(values: &[f32], n: [usize; 3], channels: usize, stop: &(impl Fn() -> bool + Sync)) -> Vec<f32> {
+    let (row, slice) = (channels * n[0], channels * n[0] * n[1]);
     let mut now = values.to_vec();
-    let strides = [channels, channels * n[0], channels * n[0] * n[1]];
-    for axis in 0..3 {
-        let (stride, m) = (strides[axis], n[axis]);
+    for (stride, m) in [(channels, n[0]), (row, n[1]), (slice, n[2])] {
         let before = now.clone();
-        now.par_iter_mut().enumerate().for_each(|(at, value)| {
-            let i = at / stride % m;
-            let low = before[if i > 0 { at - stride } else { at }];
-            let high = before[if i + 1 < m { at + stride } else { at }];
-            *value = 0.75 * before[at] + 0.125 * (low + high);
+        now.par_chunks_mut(row).enumerate().for_each(|(at, out)| {
+            if stop() {
+                return;
+            }
+            let from = at * row;
+            for (x, value) in out.iter_mut().enumerate() {
+                let at = from + x;
+                let i = at / stride % m;
+                let low = before[if i > 0 { at - stride } else { at }];
+                let high = before[if i + 1 < m { at + stride } else { at }];
+                *value = 0.75 * before[at] + 0.125 * (low + high);
+            }
         });
     }
     now
@@ -101,7 +107,7 @@ mod tests {
     #[test]
     fn smoothing_adds_an_eighth_of_the_second_difference() {
         let squares: Vec<f32> = (0..9).map(|i| (i * i) as f32).collect();
-        let smoothed = smooth(&squares, [9, 1, 1], 1);
+        let smoothed = smooth(&squares, [9, 1, 1], 1, &|| false);
         assert!((smoothed[4] - 16.25).abs() < 1e-6);
     }
 }
