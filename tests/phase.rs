@@ -1,6 +1,7 @@
 //! What holds for every phase function: one row each in `all`, and every test loops over the rows.
 
 use mcrt::physics::Phase;
+use mcrt::physics::harmonics::legendre;
 use std::f64::consts::PI;
 
 fn all() -> Vec<(&'static str, Phase)> {
@@ -63,6 +64,19 @@ fn mean_cosine_is_that_of_the_density_and_of_the_samples() {
         let g = phase.mean_cosine();
         assert!((of_density - g).abs() < 1e-6, "{name}: {of_density} for {g}");
         assert!((of_samples - g).abs() < 2e-4, "{name}: {of_samples} for {g}");
+    }
+}
+
+#[test]
+fn legendre_coefficients_are_those_of_the_density() {
+    for (name, phase) in all() {
+        assert_eq!(phase.legendre(0), 1.0, "{name}");
+        for l in 1..=12 {
+            let of_density = 2.0 * PI * integral(|c| legendre(l, c) * phase.pdf(c));
+            let p = phase.legendre(l);
+            assert!((of_density - p).abs() < 1e-6, "{name}, l = {l}: {of_density} for {p}");
+        }
+        assert!((phase.legendre(1) - phase.mean_cosine()).abs() < 1e-7, "{name}");
     }
 }
 

@@ -3,6 +3,7 @@
 
 pub mod flight;
 pub mod frame;
+pub mod harmonics;
 pub mod phase;
 pub mod real;
 pub mod rng;

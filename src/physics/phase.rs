@@ -1,10 +1,10 @@
 //! Phase functions: the angular density of scattering, per steradian, of integral 1 over the sphere. `cos_theta` is the
 //! cosine between the directions of travel before and after, so `g > 0` scatters forward.
 //!
-//! To add one: a variant here, its arms in `pdf`, `sample` and `mean_cosine`, and a row in `tests/phase.rs`, whose tests
-//! (normalisation, mean cosine, chi-square of the samples, twins in f32) loop over all rows.
+//! To add one: a variant here, its arms in `pdf`, `sample`, `mean_cosine` and `legendre`, and a row in `tests/phase.rs`,
+//! whose tests (normalisation, moments, chi-square of the samples, twins in f32) loop over all rows.
 
-use super::Real;
+use super::{Real, harmonics};
 use crate::error::{Result, scene_error};
 use std::f64::consts::{FRAC_1_PI, PI};
 
@@ -94,6 +94,17 @@ impl Phase {
             Phase::Isotropic | Phase::Rayleigh => 0.0,
             Phase::HenyeyGreenstein { g } => *g,
             Phase::Tabulated(table) => table.mean_cosine,
+        }
+    }
+
+    /// The Legendre coefficient p_l = 2 pi * integral of P(cos theta) P_l(cos theta) d cos theta, by which scattering scales
+    /// the harmonics of order l: p_0 = 1, p_1 = g, and P = sum of (2l + 1) / (4 pi) p_l P_l.
+    pub fn legendre(&self, l: usize) -> f64 {
+        match self {
+            Phase::Isotropic => f64::from(l == 0),
+            Phase::Rayleigh => [1.0, 0.0, 0.1].get(l).copied().unwrap_or(0.0),
+            Phase::HenyeyGreenstein { g } => g.powi(l as i32),
+            Phase::Tabulated(table) => table.legendre(l),
         }
     }
 
@@ -214,6 +225,23 @@ impl Table {
         let (p0, p1) = (k.lookup(&self.density), next.lookup(&self.density));
         let t = ((cos_theta - c0) / (c1 - c0)).max(R::of(0.0)).min(R::of(1.0));
         R::of(0.5 / PI) * (p0 + (p1 - p0) * t)
+    }
+
+    /// A Gauss-Legendre rule in each segment, exact for its polynomial of degree l + 1; by the rule's own integral of the
+    /// rounded density, so that p_0 is exactly 1.
+    fn legendre(&self, l: usize) -> f64 {
+        let (mut moment, mut total) = (0.0, 0.0);
+        for (node, weight) in harmonics::gauss_legendre((l + 3) / 2) {
+            let t = 0.5 * (node + 1.0);
+            for i in 0..self.density.len() - 1 {
+                let between = |v: &[f32]| f64::from(v[i]) * (1.0 - t) + f64::from(v[i + 1]) * t;
+                let width = f64::from(self.cos_theta[i + 1]) - f64::from(self.cos_theta[i]);
+                let mass = weight * width * between(&self.density);
+                moment += mass * harmonics::legendre(l, between(&self.cos_theta));
+                total += mass;
+            }
+        }
+        moment / total
     }
 
     /// Inversion of the quadratic distribution within the segment that holds `xi`.
