@@ -1,4 +1,4 @@
-"""`python -m mcrt info | demo`."""
+"""`python -m mcrt info | demo | chart`."""
 
 import argparse
 import sys
@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 import mcrt
+
+from .chart import chart
 
 
 def main() -> int:
@@ -22,9 +24,16 @@ def main() -> int:
     )
     shown.add_argument("--output", type=Path, default=Path("demo"), help="folder of the pictures")
     shown.add_argument("--seed", type=int, default=0)
+    drawn = commands.add_parser(
+        "chart", help="speed against accuracy of each method, on a small cloud"
+    )
+    drawn.add_argument("--output", type=Path, default=Path("chart.png"), help="the picture")
+    drawn.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     if arguments.command == "info":
         mcrt.show_info()
+    elif arguments.command == "chart":
+        chart(arguments.output, seed=arguments.seed)
     else:
         demo(arguments.output, arguments.seed)
     return 0
