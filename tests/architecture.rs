@@ -61,7 +61,8 @@ fn python_and_unsafe_stay_in_their_rooms() {
     for (room, path, text) in sources() {
         for (word, home) in [("pyo3", "python"), ("numpy", "python"), ("wgpu", "backend"), ("unsafe ", "")] {
             let code: String = text.lines().filter(|l| !l.trim_start().starts_with("//")).collect();
-            assert!(room == home || !code.contains(word), "{word} in {}", path.display());
+            let lanes = word == "unsafe " && path.ends_with("backend/cpu/simd.rs");
+            assert!(room == home || lanes || !code.contains(word), "{word} in {}", path.display());
         }
     }
 }
