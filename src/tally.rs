@@ -1,42 +1,42 @@
 //! Fixed-point tallies: bins that threads add to in any order with the same bits, and the moments that batches fold into.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 /// A deposit of the reference size in units of a bin. Deposits are rounded stochastically, so none rounds away.
 pub const REFERENCE_UNITS: f64 = 65_536.0;
 
-/// One batch's deposits: 32-bit words, and the carries out of them. One set per thread, whose additions then need no
+/// One batch's deposits: signed 32-bit words, and the carries out of them. One set per thread, whose additions then need no
 /// locked instruction, or one that all threads share.
 #[derive(Debug)]
 pub struct Bins {
-    words: Vec<AtomicU32>,
+    words: Vec<AtomicI32>,
     shared: bool,
-    carries: Mutex<Vec<(usize, u32)>>,
+    carries: Mutex<Vec<(usize, i32)>>,
 }
 
 impl Bins {
     /// `len` empty bins, which several threads may add to if `shared`.
     pub fn new(len: usize, shared: bool) -> Self {
         let mut words = Vec::new();
-        words.resize_with(len, AtomicU32::default);
+        words.resize_with(len, AtomicI32::default);
         Bins { words, shared, carries: Mutex::default() }
     }
 
-    /// Adds `value` (in units, not negative), rounded up with the chance of its fraction; `xi` within [0, 1).
+    /// Adds `value` (in units), rounded up with the chance of its fraction; `xi` within [0, 1).
     #[inline(always)]
     pub fn add(&self, index: usize, value: f32, xi: f32) {
         let value = value + xi;
-        if value < 2_147_483_648.0 {
-            self.add_word(index, value as u32);
+        if value.abs() < 2_147_483_648.0 {
+            self.add_word(index, floor(value));
         } else {
-            self.add_large(index, f64::from(value) as u64);
+            self.add_large(index, f64::from(value) as i64);
         }
     }
 
     /// Adds whole units.
     #[inline(always)]
-    pub fn add_word(&self, index: usize, increment: u32) {
+    pub fn add_word(&self, index: usize, increment: i32) {
         let word = &self.words[index];
         let old = if self.shared {
             word.fetch_add(increment, Relaxed)
@@ -46,20 +46,19 @@ impl Bins {
             old
         };
         if old.checked_add(increment).is_none() {
-            self.carry(index, 1);
+            self.carry(index, increment.signum());
         }
     }
 
     #[cold]
-    fn add_large(&self, index: usize, increment: u64) {
-        self.add_word(index, increment as u32);
-        if increment >> 32 > 0 {
-            self.carry(index, (increment >> 32) as u32);
-        }
+    fn add_large(&self, index: usize, increment: i64) {
+        let low = increment as i32;
+        self.add_word(index, low);
+        self.carry(index, ((increment - i64::from(low)) >> 32) as i32);
     }
 
     #[cold]
-    fn carry(&self, index: usize, count: u32) {
+    fn carry(&self, index: usize, count: i32) {
         if let Ok(mut carries) = self.carries.lock() {
             carries.push((index, count));
         }
@@ -83,11 +82,18 @@ impl Bins {
     }
 }
 
+/// The largest integer not above `value` (within i32), without a library call.
+#[inline(always)]
+fn floor(value: f32) -> i32 {
+    let cut = value as i32;
+    cut - i32::from(cut as f32 > value)
+}
+
 /// A part of the bins whose batch is over.
 #[derive(Debug)]
 pub struct Block<'a> {
-    words: &'a mut [AtomicU32],
-    carries: Vec<(usize, u32)>,
+    words: &'a mut [AtomicI32],
+    carries: Vec<(usize, i32)>,
 }
 
 impl Block<'_> {
@@ -143,8 +149,10 @@ mod tests {
         for _ in 0..5 {
             sets[0].add(1, 2_000_000_000.0, 0.0);
             sets[1].add(1, 2_000_000_000.0, 0.0);
+            sets[1].add(0, -2_000_000_000.0, 0.0);
         }
         sets[0].add(1, 3.0e10, 0.0);
+        sets[0].add(0, -3.0e10, 0.0);
         sets[1].add(2, 7.0, 0.5);
         for _ in 0..2 {
             // The second time they are empty.
@@ -154,7 +162,7 @@ mod tests {
                     block.drain(&mut sums[2 * at..]);
                 }
             }
-            let expected = [0.0, 10.0 * 2_000_000_000.0 + f64::from(3.0e10f32), 7.0];
+            let expected = [-1.0e10 - f64::from(3.0e10f32), 10.0 * 2_000_000_000.0 + f64::from(3.0e10f32), 7.0];
             assert!(sums == expected || sums == [0.0; 3], "{sums:?}");
             sets[0].add(0, 0.0, 0.0);
         }

@@ -113,7 +113,8 @@ class Result:
         ------
         SceneError
             If the result holds no image or not this order, or if the phase function is not
-            isotropic and the eye is another than that of the run.
+            isotropic, the run was without angular="sh", and the eye is another than that of the
+            run.
         """
         known = isinstance(order, int | str) and not isinstance(order, bool) and order in ORDERS
         if order is not None and not known:
@@ -313,7 +314,7 @@ class Result:
 
     def _volumes(self) -> dict[str, Any]:
         """What a gather reads."""
-        names = ("source", "source0", "subvolumes", "columns")
+        names = ("source", "source0", "subvolumes", "columns", "harmonics")
         return {
             **{name: self._data.get(name) for name in names},
             "max_scatterings": self._settings["max_scatterings"],

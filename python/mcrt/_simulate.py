@@ -41,7 +41,7 @@ def simulate(
     max_scatterings: int | None = None,
     method: str = "auto",
     tracker: str = "auto",
-    angular: str = "auto",
+    angular: str | int = "auto",
     backend: str = "auto",
     seed: int = 0,
     threads: int | None = None,
@@ -77,6 +77,12 @@ def simulate(
         "single" is deterministic and holds order 1 only; its fluence is that of order 0.
     tracker : "auto", "woodcock", "march" or "analytic"
         How free flights are sampled; "analytic" needs a homogeneous medium.
+    angular : "auto", "sh" or int
+        How light is recorded in a medium whose phase function is not isotropic. "auto": towards the
+        eye of the camera, whose images alone then are served. "sh": in spherical harmonics, of an
+        order that the plan picks from the phase function and the target error, for every camera;
+        the plan says what that leaves out of orders >= 2 (nothing for `Rayleigh`). A number, 0 to
+        8, is the order itself; it takes (order + 1)^2 times the memory of the tallies.
     backend : "auto" or "cpu"
     seed : int
         0 to 2^64 - 1. The same seed gives the same bits, whatever `threads` is.
@@ -91,7 +97,7 @@ def simulate(
     progress : bool or callable, optional
         None: a tqdm bar where tqdm is installed and somebody watches. A function is called with
         (fraction done, info) and stops the run by returning False.
-    emission, detector, spp, angular, photoelectric
+    emission, detector, spp, photoelectric
         Not yet available.
 
     Returns
@@ -180,7 +186,6 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
             raise not_yet(name)
     if flag("photoelectric", arguments["photoelectric"]):
         raise not_yet("photoelectric")
-    choice("angular", arguments["angular"], ("auto",), later=("sh",))
     choice("backend", arguments["backend"], ("auto", "cpu"), later=("gpu",))
 
     def optional(name: str, parse: Callable[..., Any], *limits: int) -> Any:
@@ -192,6 +197,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "tracker": choice(
             "tracker", arguments["tracker"], ("auto", "woodcock", "march", "analytic")
         ),
+        "angular": _angular(arguments["angular"]),
         "photons": optional("photons", integer, 1, 10**15),
         "target_error": optional("target_error", positive),
         "time_limit": optional("time_limit", positive),
@@ -204,6 +210,13 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "over_voxels": arguments["camera"] is None,
         "simd": os.environ.get("MCRT_SIMD") or None,
     }
+
+
+def _angular(value: Any) -> int | None:
+    """None for the eye of the run, -1 for harmonics of an order that the plan picks, or the order."""
+    if isinstance(value, str):
+        return None if choice("angular", value, ("auto", "sh")) == "auto" else -1
+    return integer("angular", value, 0, 8)
 
 
 def _outputs(value: Any) -> tuple[str, ...]:

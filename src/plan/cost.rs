@@ -42,12 +42,12 @@ pub fn memory(plan: &Plan) -> Memory {
     };
     let mut parts = vec![
         ("density (input)", voxels * 4),
-        ("tally bins", values * 4 * (plan.layers.len() * bin_sets(plan)) as u64),
+        ("tally bins", values * 4 * (words(plan) * bin_sets(plan)) as u64),
         ("moments", values * 12 * moments),
-        ("replicate volumes", values * 4 * plan.subvolumes as u64),
+        ("replicate volumes", values * 4 * (plan.sums() * plan.width()) as u64),
         ("light grids", nodes * 4 * grids),
         ("first collisions", voxels * 4 * first),
-        ("results", values * 4 * (wants_fluence * 2 + wants_source * 3)),
+        ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
     ];
     if let Some(grid) = &plan.majorant {
         parts.push(("majorant grid", grid.density.len() as u64 * 4));
@@ -59,10 +59,15 @@ pub fn memory(plan: &Plan) -> Memory {
 /// Tally bins of all threads beyond this are shared.
 const PRIVATE_BINS: usize = 128 << 20;
 
+/// Words of all layers per voxel and channel.
+fn words(plan: &Plan) -> usize {
+    plan.layers.iter().map(|&layer| plan.width_of(layer)).sum()
+}
+
 /// Sets of bins per layer: one per thread while they are small, which spares locked additions; else one.
 pub fn bin_sets(plan: &Plan) -> usize {
     let sets = threads(plan.settings.threads);
-    let bytes = plan.scene.medium.volume.voxels() * plan.channels * 4 * plan.layers.len();
+    let bytes = plan.scene.medium.volume.voxels() * plan.channels * 4 * words(plan);
     if bytes * sets <= PRIVATE_BINS { sets } else { 1 }
 }
 

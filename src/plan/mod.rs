@@ -1,6 +1,7 @@
 //! The plan: pure data that says which kernels run on which tables, and why. Everything that the kind of scene decides is
 //! decided here, once; the backends only follow.
 
+mod angular;
 pub mod cost;
 mod lights;
 pub mod majorant;
@@ -9,9 +10,10 @@ pub mod settings;
 
 pub use lights::{Column, Direct, Emission, LightPlan};
 pub use majorant::{MajorantGrid, StepCosts};
-pub use settings::{Method, Settings, Simd, Tracker};
+pub use settings::{Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
+use crate::physics::harmonics::count;
 use crate::scene::{Light, Scene};
 use cost::Memory;
 
@@ -48,9 +50,13 @@ pub enum Layer {
     EyeUnscattered,
     /// P-weighted towards the eye, incident orders 1 to n - 1.
     Eye,
+    /// Spherical harmonics of incident order 0.
+    HarmonicsUnscattered,
+    /// Spherical harmonics of incident orders 1 to n - 1.
+    Harmonics,
 }
 
-/// The layers that an incident order is scored in: (plain, towards the eye), as indices into [`Plan::layers`].
+/// The layers that an incident order is scored in: (plain, by direction), as indices into [`Plan::layers`].
 pub type Route = (Option<usize>, Option<usize>);
 
 /// What runs.
@@ -80,6 +86,8 @@ pub struct Plan<'a> {
     pub lights: Vec<LightPlan>,
     /// The tally layers that exist.
     pub layers: Vec<Layer>,
+    /// Order of the spherical harmonics that anisotropic radiance is recorded in, if it is.
+    pub harmonics: Option<usize>,
     /// Where incident orders 0, 1..n-1 and n go.
     pub routes: [Route; 3],
     /// Photons per batch; 0 if none are shot.
@@ -168,9 +176,13 @@ impl<'a> Plan<'a> {
         }
 
         let shoots = lights.iter().any(|l| l.emission != Emission::Nothing);
-        let (layers, routes) = choose_layers(scene, settings, &lights, shoots_scattered, orders);
+        let (harmonics, truncation) = angular::choose(scene, settings, target_error, &mut why);
+        let (layers, routes) = choose_layers(scene, settings, &lights, shoots_scattered, orders, harmonics.is_some());
+        let harmonics = harmonics
+            .filter(|_| layers.iter().any(|layer| matches!(layer, Layer::Harmonics | Layer::HarmonicsUnscattered)));
         let photons_per_second = cost::photons_per_second(scene, orders, tracker, majorant.as_ref(), settings.threads);
-        let subvolumes = match (settings.errors && shoots && settings.image, volume.voxels() * channels) {
+        let values = volume.voxels() * channels * harmonics.map_or(1, count);
+        let subvolumes = match (settings.errors && shoots && settings.image, values) {
             (false, _) => 0,
             (true, 0..=1_048_576) => 16,
             (true, _) => 8,
@@ -222,6 +234,7 @@ impl<'a> Plan<'a> {
             score,
             lights,
             layers,
+            harmonics,
             routes,
             batch_photons,
             batches,
@@ -242,6 +255,7 @@ impl<'a> Plan<'a> {
                  the free path, and the light that such voxels reflect is uncertain"
             ));
         }
+        plan.warnings.extend(truncation.filter(|_| plan.width() > 1));
         cost::check_memory(&plan)?;
         Ok(plan)
     }
@@ -267,6 +281,24 @@ impl<'a> Plan<'a> {
     /// Whether fluence and in-scattered radiance differ by 1 / (4 pi) only, so that one set of moments serves both.
     pub fn one_moment(&self) -> bool {
         self.scene.medium.phase.is_isotropic() && self.orders == u32::MAX
+    }
+
+    /// Numbers of a layer per voxel and channel.
+    pub fn width_of(&self, layer: Layer) -> usize {
+        match (layer, self.harmonics) {
+            (Layer::Harmonics | Layer::HarmonicsUnscattered, Some(order)) => count(order),
+            _ => 1,
+        }
+    }
+
+    /// Numbers per voxel and channel that the source of images is kept in.
+    pub fn width(&self) -> usize {
+        self.layers.iter().map(|&layer| self.width_of(layer)).max().unwrap_or(1)
+    }
+
+    /// Volumes that batches are summed up in: the replicates, or one where nothing else keeps the source.
+    pub fn sums(&self) -> usize {
+        self.subvolumes.max(usize::from(self.width() > 1))
     }
 
     /// Whether means and variances of voxels are kept; images alone need no more than the replicates' sums.
@@ -440,6 +472,7 @@ fn choose_layers(
     lights: &[LightPlan],
     scattered: bool,
     orders: u32,
+    harmonics: bool,
 ) -> (Vec<Layer>, [Route; 3]) {
     let isotropic = scene.medium.phase.is_isotropic();
     let wants_source = orders > 0 && (settings.radiance || settings.image);
@@ -460,8 +493,12 @@ fn choose_layers(
         (layers, [(unscattered, None), (inner, None), (last, None)])
     } else {
         let fluence = add((sampled || scattered) && settings.fluence, Layer::Inner);
-        let eye0 = add(sampled && wants_source, Layer::EyeUnscattered);
-        let eye = add(scattered && wants_source && orders > 1, Layer::Eye);
+        let (zero, more) = match harmonics {
+            true => (Layer::HarmonicsUnscattered, Layer::Harmonics),
+            false => (Layer::EyeUnscattered, Layer::Eye),
+        };
+        let eye0 = add(sampled && wants_source, zero);
+        let eye = add(scattered && wants_source && orders > 1, more);
         (layers, [(fluence, eye0), (fluence, eye), (fluence, None)])
     }
 }

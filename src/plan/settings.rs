@@ -1,6 +1,7 @@
 //! What the user asks for, apart from the scene.
 
 use crate::error::{Error, Result, scene_error};
+use crate::physics::harmonics::MAX_ORDER;
 use std::fmt;
 use std::str::FromStr;
 
@@ -47,6 +48,15 @@ impl FromStr for Tracker {
             )),
         }
     }
+}
+
+/// How the radiance that scatters in a voxel of an anisotropic medium is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Angular {
+    /// Towards the eye of the run.
+    Eye,
+    /// In spherical harmonics, for every eye: of the given order, or of one that the plan picks.
+    Harmonics(Option<usize>),
 }
 
 /// The instructions that photons are walked with. All but the first walk them in lanes, with the same bits.
@@ -115,6 +125,8 @@ pub struct Settings {
     pub image: bool,
     /// Run even if memory seems too small.
     pub force: bool,
+    /// How radiance is recorded in anisotropic media.
+    pub angular: Angular,
     /// Instructions to walk photons with; `None` for the best that the machine has.
     pub simd: Option<Simd>,
     /// Whether `target_error` is over voxels rather than pixels.
@@ -137,6 +149,7 @@ impl Default for Settings {
             radiance: true,
             image: true,
             force: false,
+            angular: Angular::Eye,
             simd: None,
             over_voxels: false,
         }
@@ -165,6 +178,11 @@ impl Settings {
             && !(1..=4096).contains(&t)
         {
             return scene_error(format!("threads = {t} is not allowed; 1 to 4096 are"));
+        }
+        if let Angular::Harmonics(Some(n)) = self.angular
+            && n > MAX_ORDER
+        {
+            return scene_error(format!("angular = {n} is not allowed; orders 0 to {MAX_ORDER} are"));
         }
         Ok(())
     }

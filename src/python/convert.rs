@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::physics::Phase;
-use crate::plan::Settings;
+use crate::plan::{Angular, Settings};
 use crate::scene::camera::Eye;
 use crate::scene::{Albedo, Camera, Light, Medium, Scene, Spectrum, Volume};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -183,6 +183,10 @@ pub fn settings(dict: &Bound<'_, PyDict>) -> PyResult<Settings> {
         radiance: wants("radiance"),
         image: wants("image"),
         force: get(dict, "force")?.extract()?,
+        angular: match get(dict, "angular")?.extract::<Option<i64>>()? {
+            None => Angular::Eye,
+            Some(order) => Angular::Harmonics(usize::try_from(order).ok()),
+        },
         simd: optional::<String>(dict, "simd")?.map(|s| s.parse()).transpose().map_err(fail)?,
         over_voxels: get(dict, "over_voxels")?.extract()?,
     };
@@ -210,6 +214,8 @@ pub struct Stored<'py> {
     pub subvolumes: Option<Borrowed<'py>>,
     /// Column densities, one per light.
     pub columns: Vec<Option<Borrowed<'py>>>,
+    /// Order of the spherical harmonics that J is given in.
+    pub harmonics: Option<usize>,
     /// The camera that the run recorded for.
     pub eye: Camera,
 }
@@ -239,9 +245,10 @@ impl<'py> Stored<'py> {
         }
         columns.resize_with(scene.lights.len(), || None);
         Ok(Stored {
-            source: item("source", &|len| len == values)?,
-            source0: item("source0", &|len| len == values)?,
+            source: item("source", &|len| len > 0 && len % values == 0)?,
+            source0: item("source0", &|len| len > 0 && len % values == 0)?,
             subvolumes: item("subvolumes", &|len| len > 0 && len % values == 0)?,
+            harmonics: optional(dict, "harmonics")?,
             columns,
             eye: camera(&get(dict, "eye")?)?,
         })
@@ -272,7 +279,8 @@ pub fn same_eye(py: Python<'_>, asked: &Camera, recorded: &Camera) -> PyResult<(
         py,
         format!(
             "the phase function is not isotropic, so the run was recorded towards {}; {} needs another run with \
-             camera=... (other targets, fields of view and resolutions of the same eye are served)",
+             camera=... (other targets, fields of view and resolutions of the same eye are served), or one with \
+             angular=\"sh\", which serves all",
             name(recorded.eye()),
             name(asked.eye())
         ),

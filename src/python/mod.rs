@@ -3,9 +3,11 @@
 mod convert;
 mod watch;
 
-use crate::backend::cpu::gather::{Volumes, background, image};
+use crate::backend::cpu::angular::Towards;
+use crate::backend::cpu::gather::{Volumes, background, beams, image};
 use crate::backend::cpu::{self, pixel_error};
 use crate::physics::Phase;
+use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
 use crate::plan::{Column, Plan, cost};
 use crate::result::{Outcome, Share, Stopped};
@@ -143,7 +145,10 @@ fn gather<'py>(
     let stored = convert::Stored::new(volumes, &parsed)?;
     let threads: Option<usize> = convert::optional(volumes, "threads")?;
     let channels = parsed.channels();
-    if !parsed.medium.phase.is_isotropic() && (stored.source.is_some() || stored.source0.is_some()) {
+    if stored.harmonics.is_none()
+        && !parsed.medium.phase.is_isotropic()
+        && (stored.source.is_some() || stored.source0.is_some())
+    {
         convert::same_eye(py, &camera, &stored.eye)?;
     }
     let k = if replicates { stored.replicates() } else { 0 };
@@ -165,26 +170,35 @@ fn gather<'py>(
             cpu::light::Illumination::new(&parsed, occupancy, light, *how, nodes.as_ref().map(|c| c.slice()))
         })
         .collect();
-    let volumes = Volumes {
-        scene: &parsed,
-        occupancy,
-        lights,
-        source: stored.source.as_ref().map(|s| s.slice()),
-        source0: stored.source0.as_ref().map(|s| s.slice()),
-        channels,
-    };
+    let [source, source0] = [&stored.source, &stored.source0].map(|s| s.as_ref().map(|s| s.slice()));
     let subvolumes = stored.subvolumes.as_ref().filter(|_| k > 0).map(|s| s.slice());
+    let harmonics = stored.harmonics;
     let (picture, error, bias) = watch::run(py, None, None, |control| {
         cpu::with_threads(threads, || {
             let stop = || control.stopped();
+            let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
+            let seen = |values: Option<&'_ [f32]>, inner: usize| match &toward {
+                Some(toward) => values.map(|v| toward.contract(v, inner)),
+                None => None,
+            };
+            let (own, own0, own_sub) =
+                (seen(source, channels), seen(source0, channels), seen(subvolumes, channels * k));
+            let source = own.as_deref().or(source);
+            let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
+            if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
+                match &mut source0 {
+                    Some(all) => all.iter_mut().zip(&beams).for_each(|(a, b)| *a += b),
+                    None => source0 = Some(beams),
+                }
+            }
+            let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
             let picture = image(&volumes, &camera, None, channels, &stop);
-            let error = subvolumes.map(|s| {
+            let error = own_sub.as_deref().or(subvolumes).map(|s| {
                 let each =
                     Volumes { scene: &parsed, occupancy, lights: Vec::new(), source: Some(s), source0: None, channels };
                 pixel_error::spread(&image(&each, &camera, None, channels * k, &stop).order2, k).1
             });
-            let bias =
-                volumes.source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
+            let bias = source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
             (picture, error, bias)
         })
     })?;
@@ -246,6 +260,8 @@ fn describe<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
 fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound<'py, PyDict>> {
     let (channels, n) = (plan.channels, plan.scene.medium.volume.n());
     let shape = [n[2], n[1], n[0]];
+    let mut by_direction = shape.to_vec();
+    by_direction.extend(plan.harmonics.map(count));
     let out = PyDict::new(py);
     let description = describe(py, plan)?;
     description.set_item("photons", outcome.photons)?;
@@ -259,11 +275,12 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     }
     for (name, volume) in [("source", outcome.source), ("source0", outcome.source0)] {
         if let Some(volume) = volume {
-            out.set_item(name, array(py, volume, &shape, channels, 1)?)?;
+            out.set_item(name, array(py, volume, &by_direction, channels, 1)?)?;
         }
     }
+    out.set_item("harmonics", plan.harmonics)?;
     if let Some(volumes) = outcome.subvolumes {
-        out.set_item("subvolumes", array(py, volumes, &shape, channels, outcome.replicates)?)?;
+        out.set_item("subvolumes", array(py, volumes, &by_direction, channels, outcome.replicates)?)?;
     }
     let columns = PyList::empty(py);
     for grid in outcome.columns {

@@ -5,7 +5,8 @@
 //! within which the density is one polynomial, cut into steps of at most half an optical depth with two Gauss points each.
 
 use super::even::{Packed, suits};
-use super::light::{GAUSS, Illumination, Source};
+use super::light::{GAUSS, Illumination, Source, beam};
+use super::shoot::LocalEye;
 use crate::physics::Phase;
 use crate::physics::flight::box_range;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
@@ -524,6 +525,29 @@ pub(super) fn interpolate<const N: usize>(values: &[f32], n: [i32; 3], p: V3) ->
         }
     }
     sum
+}
+
+/// J of incident order 0 that pencil beams send towards the eye of a camera, `channels` values a voxel; `None` without any.
+pub fn beams(scene: &Scene, camera: &Camera, channels: usize) -> Option<Vec<f32>> {
+    let volume = &scene.medium.volume;
+    let (n, h) = (volume.n(), volume.spacing().map(|c| c as f32));
+    let eye = LocalEye::new(scene, camera);
+    let mut source: Option<Vec<f32>> = None;
+    for light in &scene.lights {
+        let Light::Pencil { position, direction, power } = light else { continue };
+        let source = source.get_or_insert_with(|| vec![0.0; volume.voxels() * channels]);
+        let along = direction.map(|c| c as f32);
+        beam(scene, *position, *direction, |voxel, length| {
+            let centre = [voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])].map(|c| c as f32 + 0.5);
+            let to_eye = eye.from(centre, h);
+            let cos_theta = (0..3).map(|a| to_eye[a] * along[a]).sum::<f32>().clamp(-1.0, 1.0);
+            let p = f64::from(scene.medium.phase.pdf(cos_theta)) / volume.voxel_volume();
+            for c in 0..channels {
+                source[voxel * channels + c] += (power.rgb[c] * length[c] * p) as f32;
+            }
+        });
+    }
+    source
 }
 
 /// The environment's radiance behind the volume, by channel.

@@ -15,6 +15,7 @@ use super::emit::{Cursor, FirstCollisions, Start};
 use super::shoot::{Energies, Engine, Medium, ROULETTE, SURVIVAL, Task, Walk};
 use super::simd::{Kernel, best, dispatch};
 use crate::physics::frame::{rotate, sphere};
+use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
 use crate::physics::real::cell;
 use crate::physics::rng::{split, uniform, uniform64, words};
 use crate::physics::{Phase, Real};
@@ -50,6 +51,8 @@ pub struct Laned<'a, const C: usize> {
     voids: Voids,
     scores_voids: bool,
     last: u32,
+    /// Order of the spherical harmonics, if the directions of flight are recorded in these.
+    harmonics: Option<usize>,
     routes: [Route; 3],
     seed: [u32; 2],
 }
@@ -131,6 +134,7 @@ impl<'a, const C: usize> Laned<'a, C> {
             voids: Voids::new(&medium.volume),
             scores_voids: voxels,
             last: plan.walked_orders(),
+            harmonics: plan.harmonics,
             routes: plan.routes,
             seed: split(plan.settings.seed),
         }
@@ -361,7 +365,7 @@ impl<const C: usize> Seeds<C> {
 /// The bins that scores of incident order 0, of the inner orders, and of the last go to.
 struct Sinks<'w> {
     plain: [Option<&'w Bins>; 3],
-    eye: [Option<&'w Bins>; 3],
+    angular: [Option<&'w Bins>; 3],
 }
 
 impl<'w> Sinks<'w> {
@@ -370,7 +374,7 @@ impl<'w> Sinks<'w> {
         let routes = [first, tables.routes[1], tables.routes[2]];
         let set = walk.set();
         let bins = |layer: Option<usize>| layer.map(|l| &walk.bins[l][set]);
-        Sinks { plain: routes.map(|r| bins(r.0)), eye: routes.map(|r| bins(r.1)) }
+        Sinks { plain: routes.map(|r| bins(r.0)), angular: routes.map(|r| bins(r.1)) }
     }
 }
 
@@ -677,7 +681,9 @@ impl<const C: usize> Lanes<C> {
                 self.score[c][i] = self.weight[c][i] * unit;
             }
         }
-        if sinks.eye.iter().any(Option::is_some) {
+        if let Some(order) = tables.harmonics {
+            self.add_harmonics(order, &sinks.angular, scored);
+        } else if sinks.angular.iter().any(Option::is_some) {
             let mut cos_theta = [0.0; N];
             for i in 0..N {
                 let to_eye = tables.medium.eye.from([self.q[0][i], self.q[1][i], self.q[2][i]], tables.medium.h);
@@ -691,12 +697,37 @@ impl<const C: usize> Lanes<C> {
                     seen[c][i] *= toward_eye[i];
                 }
             }
-            self.add(&sinks.eye, &seen, scored);
+            self.add(&sinks.angular, &seen, scored);
         }
         if sinks.plain.iter().any(Option::is_some) {
             let score = self.score;
             self.add(&sinks.plain, &score, scored);
         }
+    }
+
+    /// Adds the spherical harmonics of the direction of flight to the bins of each lane's voxel, times its score.
+    #[inline(always)]
+    fn add_harmonics(&self, order: usize, sinks: &[Option<&Bins>; 3], scored: u32) {
+        let k = count(order);
+        let mut y = [0.0f32; count(MAX_ORDER)];
+        for lane in bits(scored) {
+            let Some(bins) = sinks[self.slot(lane)] else { continue };
+            evaluate([self.d[0][lane], self.d[1][lane], self.d[2][lane]], order, &mut y[..k]);
+            let xi = rounding(self.word[3][lane]);
+            let first = self.voxel[0][lane] as usize * k * C;
+            for (at, y) in y[..k].iter().enumerate() {
+                for c in 0..C {
+                    bins.add(first + at * C + c, self.score[c][lane] * y, xi);
+                }
+            }
+        }
+    }
+
+    /// Which of the sinks a lane scores in.
+    #[inline(always)]
+    fn slot(&self, lane: usize) -> usize {
+        let order = self.order[lane];
+        if order == 0 { 0 } else { 1 + usize::from(order == self.last) }
     }
 
     /// Adds values to the bins of each lane's voxel.
@@ -706,7 +737,7 @@ impl<const C: usize> Lanes<C> {
             let mut units = [0.0f32; N];
             let mut large = false;
             for i in 0..N {
-                let xi = (self.word[3][i] & 1023) as f32 * (1.0 / 1024.0) + 0.5 / 1024.0;
+                let xi = rounding(self.word[3][i]);
                 units[i] = value[c][i] + xi;
                 large |= units[i] >= 2_147_483_648.0;
             }
@@ -719,7 +750,7 @@ impl<const C: usize> Lanes<C> {
                 if large {
                     bins.add(index, units[lane], 0.0);
                 } else {
-                    bins.add_word(index, units[lane] as i32 as u32);
+                    bins.add_word(index, units[lane] as i32);
                 }
             }
         }
@@ -771,6 +802,12 @@ impl<const C: usize> Lanes<C> {
 fn flight(word: u32, more: u32) -> f32 {
     let rest = ((more & 1023) as f32 + 0.5) * (1.0 / 1024.0);
     -Real::ln((word as f32 + rest) * (1.0 / 4_294_967_296.0))
+}
+
+/// What rounds a deposit, from the lower ten bits.
+#[inline(always)]
+fn rounding(word: u32) -> f32 {
+    (word & 1023) as f32 * (1.0 / 1024.0) + 0.5 / 1024.0
 }
 
 /// A part of a turn from the upper 22 bits.

@@ -1,5 +1,6 @@
 //! The CPU backend: runs a plan on all cores, with the same bits for any number of threads.
 
+pub mod angular;
 pub mod emit;
 mod even;
 pub mod gather;
@@ -115,7 +116,7 @@ struct Shot {
     source: Moments,
     /// J of incident order 0, summed over batches.
     source0: Vec<f64>,
-    /// Sums of the replicates, one volume each.
+    /// Sums of the replicates, one volume each, of J or its harmonics.
     subvolumes: Vec<Vec<f32>>,
     /// Batches in each replicate.
     subvolume_batches: Vec<u64>,
@@ -132,15 +133,17 @@ impl Shot {
         let values = if plan.shoots() { plan.scene.medium.volume.voxels() * plan.channels } else { 0 };
         let has = |layer| plan.layers.contains(&layer);
         let keeps = plan.keeps_moments() && !plan.layers.is_empty();
-        let wants_source = keeps && plan.wants_source() && !plan.one_moment();
+        // Of harmonics only what they send to the eye of the run has a variance, for the voxels' radiance.
+        let wants_source =
+            keeps && plan.wants_source() && !plan.one_moment() && (plan.settings.radiance || plan.width() == 1);
         let wants_fluence = keeps && (plan.settings.fluence || plan.one_moment());
-        let sampled0 = has(Layer::Unscattered) || has(Layer::EyeUnscattered);
+        let sampled0 = has(Layer::Unscattered) || has(Layer::EyeUnscattered) || has(Layer::HarmonicsUnscattered);
         Shot {
             fluence: Moments::new(if wants_fluence { values } else { 0 }),
             source: Moments::new(if wants_source { values } else { 0 }),
-            source0: vec![0.0; if sampled0 && plan.wants_source() { values } else { 0 }],
-            subvolumes: vec![vec![0.0; values]; plan.subvolumes],
-            subvolume_batches: vec![0; plan.subvolumes],
+            source0: vec![0.0; if sampled0 && plan.wants_source() { values * plan.width() } else { 0 }],
+            subvolumes: vec![vec![0.0; values * plan.width()]; plan.sums()],
+            subvolume_batches: vec![0; plan.sums()],
             energies: Vec::new(),
             batches: 0,
             photons: 0,
@@ -228,8 +231,8 @@ fn batches<const C: usize>(
 ) -> Result<()> {
     let values = plan.scene.medium.volume.voxels() * C;
     let sets = cost::bin_sets(plan);
-    let mut bins: Vec<Vec<Bins>> =
-        plan.layers.iter().map(|_| (0..sets).map(|_| Bins::new(values, sets == 1)).collect()).collect();
+    let new = |layer: &Layer| Bins::new(values * plan.width_of(*layer), sets == 1);
+    let mut bins: Vec<Vec<Bins>> = plan.layers.iter().map(|layer| (0..sets).map(|_| new(layer)).collect()).collect();
     let unit = bin_unit(plan);
     let mut walk = Walk { plan, emitters, bins: Vec::new(), sets, unit: unit as f32 };
     let power: f64 = emitters.iter().map(|e| e.0.power).sum();
@@ -282,7 +285,8 @@ fn batches<const C: usize>(
 
 /// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
 fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
-    const BLOCK: usize = 1 << 12;
+    // Whole voxels, of 1 or 3 channels.
+    const BLOCK: usize = 3 << 11;
     if bins.is_empty() {
         return;
     }
@@ -290,7 +294,9 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     let isotropic = plan.scene.medium.phase.is_isotropic();
     let per_sphere = 0.25 * std::f64::consts::FRAC_1_PI;
     let count = shot.batches;
-    let replicates = plan.subvolumes;
+    let replicates = plan.sums();
+    let width = plan.width();
+    let toward = plan.harmonics.map(|order| angular::Towards::new(plan.scene, &plan.scene.camera, order));
     let replicate = if replicates > 0 { ((count - 1) % replicates as u64) as usize } else { 0 };
     if replicates > 0 {
         shot.subvolume_batches[replicate] += 1;
@@ -302,39 +308,50 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     let mut drains: Vec<Vec<(Layer, Block)>> = (0..blocks).map(|_| Vec::new()).collect();
     for (layer, sets) in plan.layers.iter().zip(bins) {
         for set in sets {
-            drains.iter_mut().zip(set.blocks(BLOCK)).for_each(|(list, block)| list.push((*layer, block)));
+            drains
+                .iter_mut()
+                .zip(set.blocks(BLOCK * plan.width_of(*layer)))
+                .for_each(|(list, block)| list.push((*layer, block)));
         }
     }
     let fluence = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
     let source = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
-    let source0 = pad(shot.source0.chunks_mut(BLOCK), blocks);
-    let subvolume = pad(subvolume.chunks_mut(BLOCK), blocks);
+    let source0 = pad(shot.source0.chunks_mut(BLOCK * width), blocks);
+    let subvolume = pad(subvolume.chunks_mut(BLOCK * width), blocks);
     drains.into_par_iter().zip(fluence).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
         |(at, ((((drains, fluence), source), source0), subvolume))| {
             let len = BLOCK.min(values - at * BLOCK);
             // Fluence, J of incident order 0, and J of all orders that images see; those that somebody wants.
             let wanted = [fluence.is_some(), source0.is_some(), source.is_some() || subvolume.is_some()];
-            let mut sums = wanted.map(|wanted| vec![0.0f64; if wanted { len } else { 0 }]);
-            let mut units = vec![0.0f64; len];
+            let widths = [1, width, width];
+            let mut sums = [0, 1, 2].map(|i| vec![0.0f64; if wanted[i] { len * widths[i] } else { 0 }]);
+            let mut units = vec![0.0f64; len * width];
             for (layer, mut block) in drains {
+                let units = &mut units[..len * plan.width_of(layer)];
                 units.fill(0.0);
-                block.drain(&mut units);
+                block.drain(units);
                 let goes: &[(usize, f64)] = match layer {
                     Layer::Unscattered => &[(0, 1.0), (1, per_sphere), (2, per_sphere)],
                     Layer::Inner if isotropic => &[(0, 1.0), (2, per_sphere)],
                     Layer::Inner | Layer::Last => &[(0, 1.0)],
-                    Layer::EyeUnscattered => &[(1, 1.0), (2, 1.0)],
-                    Layer::Eye => &[(2, 1.0)],
+                    Layer::EyeUnscattered | Layer::HarmonicsUnscattered => &[(1, 1.0), (2, 1.0)],
+                    Layer::Eye | Layer::Harmonics => &[(2, 1.0)],
                 };
                 for &(to, factor) in goes {
-                    sums[to].iter_mut().zip(&units).for_each(|(sum, x)| *sum += x * (factor * scale));
+                    sums[to].iter_mut().zip(units.iter()).for_each(|(sum, x)| *sum += x * (factor * scale));
                 }
             }
             if let Some((mean, m2)) = fluence {
                 Moments::update(mean, m2, count, &sums[0]);
             }
             if let Some((mean, m2)) = source {
-                Moments::update(mean, m2, count, &sums[2]);
+                match &toward {
+                    Some(toward) => {
+                        let first = at * BLOCK / plan.channels;
+                        Moments::update(mean, m2, count, &toward.contract_part(first, &sums[2], plan.channels));
+                    }
+                    None => Moments::update(mean, m2, count, &sums[2]),
+                }
             }
             if let Some(sum) = source0 {
                 sum.iter_mut().zip(&sums[1]).for_each(|(sum, x)| *sum += x);

@@ -1,5 +1,6 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
+use super::angular::Towards;
 use super::emit::{hit_fraction, mean_density};
 use super::gather::{Volumes, image};
 use super::light::{Illumination, Quadrature, beam, unscattered, voxel_fluence};
@@ -23,8 +24,6 @@ struct Direct0 {
     fluence: Vec<f32>,
     /// J towards the eye of all deterministic lights.
     source: Vec<f32>,
-    /// J towards the eye of beams only, which the gather cannot find by itself.
-    beams: Option<Vec<f32>>,
     /// Power that collides of lights that shoot no photons, by light and channel: (absorbed, scattered).
     collided: Vec<[[f64; 3]; 2]>,
 }
@@ -54,25 +53,28 @@ pub(super) fn settle(
         (mean, error)
     });
 
-    let (mut source, mut source_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
+    // J towards the eye of the run with its error, for the voxels' radiance; and for images J, or its harmonics.
+    let (mut seen, mut seen_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
+    let mut source = None;
     if tallied && plan.wants_source() {
         let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
-        source = Some(if plan.keeps_moments() {
-            moments.mean.par_iter().map(|x| (*x as f32) * scale).collect()
-        } else {
-            mean_of_sums(&shot.subvolumes, count)
-        });
-        source_error.par_iter_mut().zip(&moments.m2).for_each(|(e, m2)| *e = scale * Moments::error(*m2, count));
+        if !moments.mean.is_empty() {
+            seen = Some(moments.mean.par_iter().map(|x| (*x as f32) * scale).collect::<Vec<f32>>());
+            seen_error.par_iter_mut().zip(&moments.m2).for_each(|(e, m2)| *e = scale * Moments::error(*m2, count));
+        }
+        if plan.settings.image && (plan.width() > 1 || seen.is_none()) {
+            source = Some(mean_of_sums(&shot.subvolumes, count));
+        }
     }
     shot.fluence = Moments::default();
     shot.source = Moments::default();
 
     let radiance = plan.settings.radiance.then(|| {
         let mut mean = direct.source;
-        if let Some(j) = &source {
+        if let Some(j) = &seen {
             mean.par_iter_mut().zip(j).for_each(|(m, x)| *m += x);
         }
-        let mut error = source_error;
+        let mut error = seen_error;
         let albedo = |at: usize| match plan.scene.medium.albedo {
             Albedo::Constant(a) => a.rgb[at % channels] as f32,
             Albedo::PerVoxel(a) => a[at / channels],
@@ -85,19 +87,18 @@ pub(super) fn settle(
         (mean, error)
     });
 
-    let mut source0 = direct.beams.filter(|_| plan.settings.image);
+    let mut source = source.or(seen);
+    let mut source0 = None;
     if tallied && !shot.source0.is_empty() && plan.settings.image {
         let sampled: Vec<f32> = shot.source0.par_iter().map(|x| (*x / count as f64) as f32).collect();
+        let least = if plan.width() > 1 { f32::NEG_INFINITY } else { 0.0 };
         if let Some(j) = &mut source {
-            j.par_iter_mut().zip(&sampled).for_each(|(j, s)| *j = (*j - s).max(0.0));
+            j.par_iter_mut().zip(&sampled).for_each(|(j, s)| *j = (*j - s).max(least));
         }
-        match &mut source0 {
-            Some(all) => all.par_iter_mut().zip(&sampled).for_each(|(a, s)| *a += s),
-            None => source0 = Some(sampled),
-        }
+        source0 = Some(sampled);
     }
     let source = source.filter(|_| plan.settings.image && shot.has_scattered(plan));
-    let (subvolumes, replicates) = replicates(&mut shot);
+    let (subvolumes, replicates) = if plan.subvolumes > 0 { replicates(&mut shot) } else { (None, 0) };
     let mut warnings = plan.warnings.clone();
     warnings.extend(shot.warning.take());
     if plan.shoots() && count == 1 {
@@ -127,7 +128,7 @@ impl Shot {
         use crate::plan::Layer;
         plan.layers.iter().any(|l| match l {
             Layer::Inner => plan.scene.medium.phase.is_isotropic(),
-            Layer::Eye => true,
+            Layer::Eye | Layer::Harmonics => true,
             _ => false,
         })
     }
@@ -173,7 +174,7 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
     let extinction = scene.medium.extinction.rgb.map(|e| e as f32);
     let h = volume.spacing().map(|c| c as f32);
     let phase = &scene.medium.phase;
-    let eye = LocalEye::new(plan);
+    let eye = LocalEye::new(scene, &scene.camera);
     let wants_source = plan.settings.radiance && plan.wants_source();
     let quiet = plan.lights.iter().any(|l| l.emission == Emission::Nothing);
     let mut fluence = vec![0.0f32; if plan.settings.fluence { values } else { 0 }];
@@ -244,11 +245,8 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
             }
         }
     }
-    let mut beams: Option<Vec<f32>> = None;
     for (l, light) in scene.lights.iter().enumerate() {
         let Light::Pencil { position, direction, power } = light else { continue };
-        let beams = beams
-            .get_or_insert_with(|| vec![0.0f32; if plan.wants_source() && plan.settings.image { values } else { 0 }]);
         let cubic = volume.voxel_volume();
         beam(scene, *position, *direction, |voxel, length| {
             let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
@@ -266,9 +264,6 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
                     if let Some(x) = source.get_mut(at).filter(|_| wants_source) {
                         *x += phi as f32 * p;
                     }
-                    if let Some(x) = beams.get_mut(at) {
-                        *x += phi as f32 * p;
-                    }
                 }
                 let power = density * scene.medium.extinction.rgb[c] * phi * cubic;
                 collided[l][0][c] += power * (1.0 - albedo[c]);
@@ -279,7 +274,7 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
     if control.stopped() && !plan.shoots() {
         return Err(Error::Interrupted);
     }
-    Ok(Direct0 { fluence, source, beams: beams.filter(|b| !b.is_empty()), collided })
+    Ok(Direct0 { fluence, source, collided })
 }
 
 #[inline(always)]
@@ -401,7 +396,10 @@ pub(super) fn relative_error(
     let pixels = pixel_sample(camera.resolution);
     let lights: Vec<Illumination> = views.iter().flatten().cloned().collect();
     let k = plan.subvolumes;
-    let means = interleaved(&shot.subvolumes, &shot.subvolume_batches);
+    let mut means = interleaved(&shot.subvolumes, &shot.subvolume_batches);
+    if let Some(order) = plan.harmonics.filter(|_| plan.width() > 1) {
+        means = Towards::new(plan.scene, camera, order).contract(&means, channels * k);
+    }
     let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
     let picture = image(&volumes, camera, Some(&pixels), channels * k, &stop);

@@ -5,12 +5,13 @@ use super::track::{Flight, Scorer, Tracker, Weights};
 use crate::backend::Control;
 use crate::physics::Phase;
 use crate::physics::frame::rotate;
+use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
 use crate::physics::rng::{Draws, split, uniform, uniform64};
 use crate::plan::{Plan, Route};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::camera::Eye;
 use crate::scene::field::{Field, V3};
-use crate::scene::{Albedo, Light};
+use crate::scene::{Albedo, Camera, Light, Scene};
 use crate::tally::Bins;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -224,6 +225,8 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
             unit: walk.unit,
             route: (None, None),
             phase,
+            harmonics: plan.harmonics,
+            y: [0.0; count(MAX_ORDER)],
             direction,
             eye: medium.eye,
             h: medium.h,
@@ -231,6 +234,9 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
         loop {
             if !at_collision {
                 scorer.direction = direction;
+                if let Some(order) = plan.harmonics {
+                    evaluate(direction, order, &mut scorer.y);
+                }
                 scorer.route = match order {
                     0 if emitter.tallies_unscattered => plan.routes[0],
                     0 => (None, None),
@@ -314,7 +320,7 @@ impl<'a> Medium<'a> {
             field,
             h: h.map(|c| c as f32),
             inverse_h: h.map(|c| (1.0 / c) as f32),
-            eye: LocalEye::new(plan),
+            eye: LocalEye::new(plan.scene, &plan.scene.camera),
         }
     }
 
@@ -338,10 +344,10 @@ pub enum LocalEye {
 }
 
 impl LocalEye {
-    /// The eye of the plan's camera.
-    pub fn new(plan: &Plan) -> Self {
-        let volume = &plan.scene.medium.volume;
-        match plan.scene.camera.eye() {
+    /// The eye of a camera.
+    pub fn new(scene: &Scene, camera: &Camera) -> Self {
+        let volume = &scene.medium.volume;
+        match camera.eye() {
             Eye::Point(world) => {
                 let (p, h) = (volume.local(world), volume.spacing());
                 LocalEye::Point(std::array::from_fn(|a| (p[a] / h[a]) as f32))
@@ -371,6 +377,9 @@ struct Scores<'a> {
     unit: f32,
     route: Route,
     phase: &'a Phase,
+    harmonics: Option<usize>,
+    /// The harmonics of the direction.
+    y: [f32; count(MAX_ORDER)],
     direction: V3,
     eye: LocalEye,
     h: V3,
@@ -384,7 +393,13 @@ impl<const C: usize> Scorer<C> for Scores<'_> {
                 self.bins[layer][self.set].add(index * C + c, value[c] * self.unit, xi);
             }
         }
-        if let Some(layer) = self.route.1 {
+        if let (Some(layer), Some(order)) = (self.route.1, self.harmonics) {
+            let k = count(order);
+            for at in 0..k * C {
+                let units = value[at % C] * self.unit * self.y[at / C];
+                self.bins[layer][self.set].add(index * k * C + at, units, xi);
+            }
+        } else if let Some(layer) = self.route.1 {
             let to_eye = self.eye.from(p, self.h);
             let cos_theta = (0..3).map(|a| to_eye[a] * self.direction[a]).sum::<f32>().clamp(-1.0, 1.0);
             let seen = self.phase.pdf(cos_theta) * self.unit;
