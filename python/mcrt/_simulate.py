@@ -213,7 +213,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def _angular(value: Any) -> int | None:
-    """None for the eye of the run, -1 for harmonics of an order that the plan picks, or the order."""
+    """None for the run's eye, -1 for harmonics of an order that the plan picks, or the order."""
     if isinstance(value, str):
         return None if choice("angular", value, ("auto", "sh")) == "auto" else -1
     return integer("angular", value, 0, 8)

@@ -62,8 +62,9 @@ const START_ERROR: f64 = 0.01;
 /// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
 const FIRST_COLLISION_DEPTH: f64 = 1.0;
 
-/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked.
-pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPlan {
+/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked,
+/// `voxels` whether values of voxels are wanted.
+pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool, voxels: bool) -> LightPlan {
     let volume = &scene.medium.volume;
     let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
     match light {
@@ -96,24 +97,33 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
             let interpolation_error = if constant { 0.0 } else { probe::interpolation_error(scene, light) };
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
             let column = if rays { Column::Rays } else { Column::Grid };
-            let direct = choose_quadrature(depth, volume.voxels(), constant);
+            let direct = choose_quadrature(depth, volume.voxels(), constant, voxels);
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;
             LightPlan { emission, direct, column, interpolation_error, interpolated_starts }
         }
     }
 }
 
-/// As many points per voxel as its depth needs, and more where they cost nothing to speak of: kinks of the depth behind
-/// the box's edges are then averaged. A light ray for each where that is affordable.
-fn choose_quadrature(depth: f64, voxels: usize, constant: bool) -> Direct {
-    let needed = match depth {
+/// Gauss points per axis that a voxel of an optical depth needs.
+pub fn points_for(depth: f64) -> usize {
+    match depth {
         d if d <= 0.15 => 1,
         d if d <= 1.5 => 2,
         d if d <= 3.0 => 3,
         d if d <= 6.0 => 4,
         d if d <= 12.0 => 8,
         _ => 16,
-    };
+    }
+}
+
+/// As many points per voxel as its depth needs, and more where they cost nothing to speak of: kinks of the depth behind
+/// the box's edges are then averaged. A light ray for each where that is affordable.
+fn choose_quadrature(depth: f64, voxels: usize, constant: bool, kept: bool) -> Direct {
+    let needed = points_for(depth);
+    if !kept {
+        // The energy balance needs sums only.
+        return Direct::Quadrature { points: needed.min(4), rays: constant };
+    }
     // In constant density a ray has a closed form.
     let affordable = if constant { 2e7 } else { 4e6 };
     let spare = ((affordable / voxels as f64).cbrt() as usize).clamp(1, 4);

@@ -8,7 +8,7 @@ pub mod majorant;
 mod probe;
 pub mod settings;
 
-pub use lights::{Column, Direct, Emission, LightPlan};
+pub use lights::{Column, Direct, Emission, LightPlan, points_for};
 pub use majorant::{MajorantGrid, StepCosts};
 pub use settings::{Angular, Method, Settings, Simd, Tracker};
 
@@ -145,8 +145,12 @@ impl<'a> Plan<'a> {
             },
         );
         let shoots_scattered = method == Method::Photon && scatters && orders > 0;
-        let lights: Vec<LightPlan> =
-            scene.lights.iter().map(|light| lights::plan_light(scene, light, depth, shoots_scattered)).collect();
+        let voxels = settings.fluence || settings.radiance;
+        let lights: Vec<LightPlan> = scene
+            .lights
+            .iter()
+            .map(|light| lights::plan_light(scene, light, depth, shoots_scattered, voxels))
+            .collect();
         for (light, plan) in scene.lights.iter().zip(&lights) {
             why.light(light, plan, depth);
         }

@@ -3,7 +3,7 @@
 use super::track::enter;
 use crate::backend::Control;
 use crate::physics::flight::{mean_transmittance, rectangle_solid_angle};
-use crate::plan::Column;
+use crate::plan::{Column, points_for};
 use crate::scene::field::{Dda, Field, Occupancy, V3, along};
 use crate::scene::{Light, Scene};
 use rayon::prelude::*;
@@ -57,6 +57,8 @@ pub struct Illumination<'a> {
     nodes: Option<&'a [f32]>,
     rays: bool,
     enough: f32,
+    /// Column density that light can meet within one voxel.
+    reach: f32,
 }
 
 impl<'a> Illumination<'a> {
@@ -86,6 +88,7 @@ impl<'a> Illumination<'a> {
             h: h.map(|c| c as f32),
             nodes,
             rays: column == Column::Rays || nodes.is_none(),
+            reach: volume.max() * h.iter().map(|h| h * h).sum::<f64>().sqrt() as f32,
             // What is behind 40 mean free paths is dark, in all channels.
             enough: (40.0 / scene.medium.extinction.rgb.iter().fold(f64::INFINITY, |m, &e| m.min(e))) as f32,
         })
@@ -208,6 +211,16 @@ pub fn voxel_fluence(
         let fluence = near_fluence(light, extinction, cell, position);
         let density = light.field.at(centre);
         return Quadrature { fluence, collisions: fluence.map(|f| f * density) };
+    }
+    let mut points = points;
+    if points > 4 {
+        if light.rough_column(centre, &light.incident(centre)) - light.reach > light.enough {
+            return Quadrature { fluence: [0.0; 3], collisions: [0.0; 3] };
+        }
+        // The plan's number is that of the densest voxel.
+        let side = light.h[0].max(light.h[1]).max(light.h[2]);
+        let depth = light.field.maximum(cell) * extinction.iter().fold(0.0f32, |m, &e| m.max(e)) * side;
+        points = points.min(points_for(f64::from(depth)).max(4));
     }
     let rule = GAUSS[points.clamp(1, 4) - 1];
     let pieces = points.div_ceil(4);
