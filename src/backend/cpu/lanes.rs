@@ -536,8 +536,11 @@ impl<const C: usize> Lanes<C> {
             for k in 0..4 {
                 self.word[k][i] = if takes { word[k] } else { self.word[k][i] };
             }
-            self.depth[i] = if takes { flight(word[0], word[3]) } else { self.depth[i] };
             self.block[i] += u32::from(takes);
+        }
+        for i in 0..N {
+            let depth = flight(self.word[0][i], self.word[3][i]);
+            self.depth[i] = if which >> i & 1 == 1 { depth } else { self.depth[i] };
         }
     }
 
@@ -733,24 +736,33 @@ impl<const C: usize> Lanes<C> {
     /// Adds values to the bins of each lane's voxel.
     #[inline(always)]
     fn add(&mut self, sinks: &[Option<&Bins>; 3], value: &[Row<f32>; C], scored: u32) {
+        // Nearly always all lanes are at an inner order.
+        let outer = mask(|i| self.order[i] == 0 || self.order[i] == self.last) & scored;
         for c in 0..C {
             let mut units = [0.0f32; N];
+            let mut whole = [0i32; N];
             let mut large = false;
             for i in 0..N {
-                let xi = rounding(self.word[3][i]);
-                units[i] = value[c][i] + xi;
+                units[i] = value[c][i] + rounding(self.word[3][i]);
+                whole[i] = units[i] as i32;
                 large |= units[i] >= 2_147_483_648.0;
             }
-            for lane in bits(scored) {
-                let order = self.order[lane];
-                let Some(bins) = sinks[if order == 0 { 0 } else { 1 + usize::from(order == self.last) }] else {
-                    continue;
-                };
-                let index = self.voxel[0][lane] as usize * C + c;
-                if large {
-                    bins.add(index, units[lane], 0.0);
-                } else {
-                    bins.add_word(index, units[lane] as i32);
+            if large {
+                for lane in bits(scored) {
+                    if let Some(bins) = sinks[self.slot(lane)] {
+                        bins.add(self.voxel[0][lane] as usize * C + c, units[lane], 0.0);
+                    }
+                }
+                continue;
+            }
+            if let Some(bins) = sinks[1] {
+                for lane in bits(scored & !outer) {
+                    bins.add_word(self.voxel[0][lane] as usize * C + c, whole[lane]);
+                }
+            }
+            for lane in bits(outer) {
+                if let Some(bins) = sinks[self.slot(lane)] {
+                    bins.add_word(self.voxel[0][lane] as usize * C + c, whole[lane]);
                 }
             }
         }
