@@ -97,14 +97,18 @@ pub struct Block<'a> {
 }
 
 impl Block<'_> {
-    /// Adds the bins' units to `sums` and leaves them empty.
-    pub fn drain(&mut self, sums: &mut [f64]) {
+    /// Adds the bins' units to `sums` and leaves them empty; false if they were.
+    pub fn drain(&mut self, sums: &mut [f64]) -> bool {
+        if self.carries.is_empty() && self.words.iter_mut().fold(0, |any, word| any | *word.get_mut()) == 0 {
+            return false;
+        }
         for (sum, word) in sums.iter_mut().zip(self.words.iter_mut()) {
             *sum += f64::from(std::mem::take(word.get_mut()));
         }
         for (index, count) in self.carries.drain(..) {
             sums[index] += f64::from(count) * 4_294_967_296.0;
         }
+        true
     }
 }
 

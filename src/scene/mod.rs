@@ -81,22 +81,35 @@ pub fn block_maxima(volume: &Volume, block: usize, reach: usize) -> Vec<f32> {
     let n = m.map(|extent| extent.div_ceil(block));
     let range =
         |cell: usize, axis: usize| (cell * block).saturating_sub(reach)..((cell + 1) * block + reach).min(m[axis]);
-    (0..n[0] * n[1] * n[2])
-        .into_par_iter()
-        .map(|c| {
-            let mut top = 0.0f32;
-            for k in range(c / (n[0] * n[1]), 2) {
-                for j in range(c / n[0] % n[1], 1) {
-                    let row = (k * m[1] + j) * m[0];
-                    let x = range(c % n[0], 0);
-                    for &d in &volume.density()[row + x.start..row + x.end] {
-                        top = top.max(d);
-                    }
+    // Axis by axis: along each row of a slice, then over its rows; at last over the slices.
+    let larger = |mine: &mut [f32], other: &[f32]| {
+        for (a, b) in mine.iter_mut().zip(other) {
+            *a = if *b > *a { *b } else { *a };
+        }
+    };
+    let mut slices = vec![0.0f32; m[2] * n[1] * n[0]];
+    slices.par_chunks_mut(n[1] * n[0]).enumerate().for_each_init(
+        || vec![0.0f32; m[1] * n[0]],
+        |rows, (k, slice)| {
+            for (j, row) in rows.chunks_mut(n[0]).enumerate() {
+                let first = (k * m[1] + j) * m[0];
+                for (cell, top) in row.iter_mut().enumerate() {
+                    let x = range(cell, 0);
+                    let values = &volume.density()[first + x.start..first + x.end];
+                    *top = values.iter().fold(0.0, |top, &d| if d > top { d } else { top });
                 }
             }
-            top
-        })
-        .collect()
+            for (cell, tops) in slice.chunks_mut(n[0]).enumerate() {
+                range(cell, 1).for_each(|j| larger(tops, &rows[j * n[0]..(j + 1) * n[0]]));
+            }
+        },
+    );
+    let mut maxima = vec![0.0f32; n[2] * n[1] * n[0]];
+    let size = n[1] * n[0];
+    maxima.par_chunks_mut(size).enumerate().for_each(|(cell, tops)| {
+        range(cell, 2).for_each(|k| larger(tops, &slices[k * size..(k + 1) * size]));
+    });
+    maxima
 }
 
 /// A finite point or vector, or an error that names it.

@@ -286,7 +286,7 @@ fn batches<const C: usize>(
 /// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
 fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     // Whole voxels, of 1 or 3 channels.
-    const BLOCK: usize = 3 << 11;
+    const BLOCK: usize = 3 << 9;
     if bins.is_empty() {
         return;
     }
@@ -319,17 +319,23 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     let source0 = pad(shot.source0.chunks_mut(BLOCK * width), blocks);
     let subvolume = pad(subvolume.chunks_mut(BLOCK * width), blocks);
     drains.into_par_iter().zip(fluence).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
-        |(at, ((((drains, fluence), source), source0), subvolume))| {
+        |(at, ((((mut drains, fluence), source), source0), subvolume))| {
             let len = BLOCK.min(values - at * BLOCK);
             // Fluence, J of incident order 0, and J of all orders that images see; those that somebody wants.
             let wanted = [fluence.is_some(), source0.is_some(), source.is_some() || subvolume.is_some()];
             let widths = [1, width, width];
             let mut sums = [0, 1, 2].map(|i| vec![0.0f64; if wanted[i] { len * widths[i] } else { 0 }]);
             let mut units = vec![0.0f64; len * width];
-            for (layer, mut block) in drains {
+            let mut any = false;
+            for same in drains.chunk_by_mut(|a, b| a.0 == b.0) {
+                // Whole units of all threads together, which are exact; then the scale.
+                let layer = same[0].0;
                 let units = &mut units[..len * plan.width_of(layer)];
                 units.fill(0.0);
-                block.drain(units);
+                if !same.iter_mut().fold(false, |any, (_, block)| block.drain(units) | any) {
+                    continue;
+                }
+                any = true;
                 let goes: &[(usize, f64)] = match layer {
                     Layer::Unscattered => &[(0, 1.0), (1, per_sphere), (2, per_sphere)],
                     Layer::Inner if isotropic => &[(0, 1.0), (2, per_sphere)],
@@ -353,10 +359,10 @@ fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
                     None => Moments::update(mean, m2, count, &sums[2]),
                 }
             }
-            if let Some(sum) = source0 {
+            if let Some(sum) = source0.filter(|_| any) {
                 sum.iter_mut().zip(&sums[1]).for_each(|(sum, x)| *sum += x);
             }
-            if let Some(sum) = subvolume {
+            if let Some(sum) = subvolume.filter(|_| any) {
                 sum.iter_mut().zip(&sums[2]).for_each(|(sum, x)| *sum += *x as f32);
             }
         },
