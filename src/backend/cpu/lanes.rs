@@ -19,7 +19,7 @@ use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
 use crate::physics::real::cell;
 use crate::physics::rng::{split, uniform, uniform64, words};
 use crate::physics::{Phase, Real};
-use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Route, Simd};
+use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Route, Simd, Tracker};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::field::{Field, V3, leave};
 use crate::scene::{Volume, block_maxima};
@@ -118,7 +118,7 @@ impl<'a, const C: usize> Laned<'a, C> {
         let h = medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
         let sigma_t = medium.max_sigma_t();
         let least = if voxels { LEAST_SCORED_DEPTH / h } else { 0.0 };
-        let certain = medium.volume.is_constant() && sigma_t >= least;
+        let certain = plan.tracker == Tracker::Analytic && sigma_t >= least;
         // Rounded up, so that no acceptance exceeds one.
         let majorant = if certain { sigma_t } else { sigma_t.max(least) * (1.0 + 1e-6) };
         Laned {
