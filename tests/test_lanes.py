@@ -23,9 +23,14 @@ def sparse():
     """Voids, thin haze and a dense block: a majorant grid of several cells pays."""
     density = np.zeros((40, 36, 44), np.float32)
     density[20:, :20, 22:] = 0.02
-    density[3:9, 4:9, 5:11] = 6.0
+    density[3:9, 4:9, 5:11] = 0.6
     density[30, 30, 30] = 40.0
     return density
+
+
+def specks():
+    """Single voxels in a void: half of the light that scatters in one does so beside it."""
+    return (np.random.default_rng(8).random((24, 25, 26)) < 0.01).astype(np.float32)
 
 
 SPARSE = {
@@ -46,6 +51,8 @@ SCENES = {
     "table": {"phase": mcrt.TabulatedPhase([-1, 0, 0.8, 1], [1, 0.2, 1, 6])},
     "harmonics": {"phase": mcrt.HenyeyGreenstein(0.5), "angular": "sh"},
     "cells": SPARSE,
+    "dark": {"volume": np.ones(SHAPE, np.float32), "albedo": 0.4, "extinction": 3.0},
+    "specks": SPARSE | {"volume": specks(), "extinction": 4.0},
 }
 
 
@@ -93,7 +100,7 @@ def test_lanes_agree_with_the_scalar_walk(name, monkeypatch):
     assert np.all(np.abs(truth.energy_sum(b.energy) - 1) <= 1e-6 + b.energy.error)
 
 
-@pytest.mark.parametrize("name", ["linear", "nearest", "cells", "rgb"])
+@pytest.mark.parametrize("name", ["linear", "nearest", "cells", "rgb", "specks"])
 def test_images_alone_agree_too(name, monkeypatch):
     """Voids are not scored for images: what is near enough to some density is."""
     runs = [

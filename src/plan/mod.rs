@@ -184,7 +184,8 @@ impl<'a> Plan<'a> {
         let (layers, routes) = choose_layers(scene, settings, &lights, shoots_scattered, orders, harmonics.is_some());
         let harmonics = harmonics
             .filter(|_| layers.iter().any(|layer| matches!(layer, Layer::Harmonics | Layer::HarmonicsUnscattered)));
-        let photons_per_second = cost::photons_per_second(scene, orders, tracker, majorant.as_ref(), settings.threads);
+        let photons_per_second =
+            cost::photons_per_second(scene, orders, tracker, majorant.as_ref(), lanes, settings.threads);
         let values = volume.voxels() * channels * harmonics.map_or(1, count);
         let subvolumes = match (settings.errors && shoots && settings.image, values) {
             (false, _) => 0,
