@@ -53,6 +53,7 @@ SCENES = {
     "cells": SPARSE,
     "dark": {"volume": np.ones(SHAPE, np.float32), "albedo": 0.4, "extinction": 3.0},
     "specks": SPARSE | {"volume": specks(), "extinction": 4.0},
+    "thin specks": SPARSE | {"volume": specks(), "extinction": 0.05},
 }
 
 
@@ -100,7 +101,7 @@ def test_lanes_agree_with_the_scalar_walk(name, monkeypatch):
     assert np.all(np.abs(truth.energy_sum(b.energy) - 1) <= 1e-6 + b.energy.error)
 
 
-@pytest.mark.parametrize("name", ["linear", "nearest", "cells", "rgb", "specks"])
+@pytest.mark.parametrize("name", ["linear", "nearest", "cells", "rgb", "specks", "thin specks"])
 def test_images_alone_agree_too(name, monkeypatch):
     """Voids are not scored for images: what is near enough to some density is."""
     runs = [
@@ -118,6 +119,15 @@ def test_images_alone_agree_too(name, monkeypatch):
         ]
         ratios.append(pair[0].image(order="2+").sum() / pair[1].image(order="2+").sum())
     truth.assert_mean(ratios, 1.0, what=name)
+
+
+@pytest.mark.parametrize("name", ["dark", "rgb"])
+def test_roulette_is_fair(name, monkeypatch):
+    """Lost less won: its mean over independent runs is zero."""
+    net = [run(monkeypatch, "", name, 50_000, seed).energy.roulette for seed in range(30, 42)]
+    assert np.all(np.ptp(net, axis=0) > 0)
+    for channel in np.reshape(net, (len(net), -1)).T:
+        truth.assert_mean(channel, 0.0, what=name)
 
 
 def test_the_plan_says_how_photons_walk(monkeypatch):
