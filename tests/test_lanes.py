@@ -114,7 +114,7 @@ def test_images_alone_agree_too(name, monkeypatch):
     ratios = []
     for seed in range(10, 20):
         pair = [
-            run(monkeypatch, simd, name, 20_000, seed + shift, outputs=("image",))
+            run(monkeypatch, simd, name, 200_000, seed + shift, outputs=("image",))
             for simd, shift in (("scalar", 0), ("", 100))
         ]
         ratios.append(pair[0].image(order="2+").sum() / pair[1].image(order="2+").sum())
