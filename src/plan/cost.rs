@@ -24,12 +24,7 @@ pub fn memory(plan: &Plan) -> Memory {
     let voxels = volume.voxels() as u64;
     let values = voxels * plan.channels as u64;
     let nodes: u64 = volume.n().iter().map(|&m| m as u64 + 2).product();
-    let grids = plan
-        .lights
-        .iter()
-        .zip(&plan.scene.lights)
-        .filter(|(l, light)| uses_grid(l, light, volume.is_constant()))
-        .count() as u64;
+    let grids = light_grids(plan) as u64;
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
     let wants_source = u64::from(plan.wants_source());
@@ -58,6 +53,12 @@ pub fn memory(plan: &Plan) -> Memory {
 
 /// Tally bins of all threads beyond this are shared.
 const PRIVATE_BINS: usize = 128 << 20;
+
+/// Number of light grids.
+fn light_grids(plan: &Plan) -> usize {
+    let constant = plan.scene.medium.volume.is_constant();
+    plan.lights.iter().zip(&plan.scene.lights).filter(|(l, light)| uses_grid(l, light, constant)).count()
+}
 
 /// Words of all layers per voxel and channel.
 fn words(plan: &Plan) -> usize {
@@ -164,12 +165,7 @@ pub fn seconds(plan: &Plan) -> f64 {
     let volume = &plan.scene.medium.volume;
     let threads = threads(plan.settings.threads) as f64;
     let side = volume.n().iter().map(|&m| m as f64).fold(0.0, f64::max);
-    let grids = plan
-        .lights
-        .iter()
-        .zip(&plan.scene.lights)
-        .filter(|(l, light)| uses_grid(l, light, volume.is_constant()))
-        .count() as f64;
+    let grids = light_grids(plan) as f64;
     let points: f64 = plan
         .lights
         .iter()
