@@ -155,7 +155,7 @@ impl<'a> Plan<'a> {
             why.light(light, plan, depth);
         }
         let (tracker, majorant) = choose_tracker(scene, settings, chromatic, &mut why)?;
-        let lanes = allows_lanes(settings, chromatic) && tracker != Tracker::March;
+        let lanes = allows_lanes(scene, settings, chromatic) && tracker != Tracker::March;
         why.push(
             "walk",
             if lanes { "in lanes" } else { "one by one" }.into(),
@@ -163,6 +163,7 @@ impl<'a> Plan<'a> {
                 (Some(Simd::Scalar), _) => "MCRT_SIMD = scalar",
                 _ if chromatic => "extinction differs between channels",
                 (_, Tracker::March) => "the march goes voxel by voxel",
+                _ if !lanes => "there are more than 2^32 voxels",
                 _ => "photons take the same steps",
             }
             .into(),
@@ -403,9 +404,11 @@ fn choose_method(
 /// is so skew that a standard error does not describe it.
 pub const LEAST_SCORED_DEPTH: f64 = 0.3;
 
-/// Whether the settings and the kind of extinction let photons walk in lanes.
-fn allows_lanes(settings: &Settings, chromatic: bool) -> bool {
-    settings.simd != Some(Simd::Scalar) && !chromatic
+/// Whether the settings, the kind of extinction and the number of voxels (lanes count them in 32 bits) let photons walk in
+/// lanes.
+fn allows_lanes(scene: &Scene, settings: &Settings, chromatic: bool) -> bool {
+    let countable = u32::try_from(scene.medium.volume.voxels()).is_ok();
+    settings.simd != Some(Simd::Scalar) && !chromatic && countable
 }
 
 fn choose_tracker(
@@ -419,7 +422,7 @@ fn choose_tracker(
     let h = volume.spacing();
     let mean_h = 3.0 / h.iter().map(|h| 1.0 / h).sum::<f64>();
     let depth = medium.extinction.max() * mean_h;
-    let costs = if allows_lanes(settings, chromatic) {
+    let costs = if allows_lanes(scene, settings, chromatic) {
         let least = if settings.fluence || settings.radiance { LEAST_SCORED_DEPTH } else { 0.0 };
         StepCosts { least, ..StepCosts::LANES }
     } else {

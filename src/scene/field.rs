@@ -113,6 +113,12 @@ impl Corners {
     }
 }
 
+/// Up to half a voxel either way along an axis, from ten bits of a word each: what [`Field::one_read`] moves a point by.
+#[inline(always)]
+pub fn jitter(word: u32, axis: usize) -> f32 {
+    (word >> (10 * axis) & 1023) as f32 * (1.0 / 1024.0) - (511.5 / 1024.0)
+}
+
 /// The two indices and the weight of linear interpolation between voxel centres along one axis; beyond the outermost
 /// centres the line through the last two goes on.
 #[inline(always)]
@@ -273,9 +279,8 @@ impl<'a> Field<'a> {
         if !self.linear {
             return self.at(p);
         }
-        let jitter = |shift: u32| ((word >> shift) & 1023) as f32 * (1.0 / 1024.0) - (511.5 / 1024.0);
         let c: [i32; 3] = std::array::from_fn(|a| {
-            let q = p[a] + jitter(10 * a as u32);
+            let q = p[a] + jitter(word, a);
             (q.max(0.0) as i32).min(self.n[a] - 1)
         });
         self.voxel(c)

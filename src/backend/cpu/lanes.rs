@@ -21,7 +21,7 @@ use crate::physics::rng::{split, uniform, uniform64, words};
 use crate::physics::{Phase, Real};
 use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Route, Simd, Tracker};
 use crate::result::{EXIT_FACES, Share};
-use crate::scene::field::{Field, V3, leave};
+use crate::scene::field::{Field, V3, jitter, leave};
 use crate::scene::{Volume, block_maxima};
 use crate::tally::Bins;
 
@@ -47,8 +47,9 @@ pub struct Laned<'a, const C: usize> {
     extinction: f32,
     /// The majorants, where there are several.
     cells: Option<Cells>,
-    /// Where nothing can collide, and what of that is not scored either.
-    voids: Voids,
+    /// Where nothing can collide, if that is looked up.
+    voids: Option<Voids>,
+    /// Whether what lies there is scored all the same.
     scores_voids: bool,
     last: u32,
     /// Order of the spherical harmonics, if the directions of flight are recorded in these.
@@ -95,18 +96,14 @@ impl Voids {
     /// So many cells stay in the fastest cache.
     const CELLS: usize = 1 << 15;
 
-    /// The voids of a volume.
-    fn new(volume: &Volume) -> Self {
+    /// The voids of a volume, if it has any.
+    fn new(volume: &Volume) -> Option<Self> {
         let cells = |shift: u32| volume.n().map(|m| m.div_ceil(1 << shift));
         let shift = (2..16).find(|&shift| cells(shift).iter().product::<usize>() <= Voids::CELLS).unwrap_or(16);
         let maxima = block_maxima(volume, 1 << shift, Voids::REACH);
         let n = cells(shift);
-        Voids { shift, n: [n[0] as u32, n[1] as u32], empty: maxima.iter().map(|&d| d == 0.0).collect() }
-    }
-
-    /// Whether there are any.
-    fn any(&self) -> bool {
-        self.empty.contains(&true)
+        let empty: Vec<bool> = maxima.iter().map(|&d| d == 0.0).collect();
+        empty.contains(&true).then_some(Voids { shift, n: [n[0] as u32, n[1] as u32], empty })
     }
 }
 
@@ -121,6 +118,9 @@ impl<'a, const C: usize> Laned<'a, C> {
         let certain = plan.tracker == Tracker::Analytic && sigma_t >= least;
         // Rounded up, so that no acceptance exceeds one.
         let majorant = if certain { sigma_t } else { sigma_t.max(least) * (1.0 + 1e-6) };
+        let grid = plan.majorant.as_ref().filter(|grid| !grid.is_one());
+        // Cells have no collisions in voids anyway, and a homogeneous medium has no voids.
+        let voids = if grid.is_some() || medium.volume.is_constant() { None } else { Voids::new(&medium.volume) };
         Laned {
             simd: plan.settings.simd.unwrap_or_else(best),
             field: Field::density(&medium.volume),
@@ -130,8 +130,8 @@ impl<'a, const C: usize> Laned<'a, C> {
             certain,
             free_path: (1.0 / majorant.max(1e-30)) as f32,
             extinction: medium.extinction.max() as f32,
-            cells: plan.majorant.as_ref().filter(|grid| !grid.is_one()).map(|grid| Cells::new(plan, grid, least)),
-            voids: Voids::new(&medium.volume),
+            cells: grid.map(|grid| Cells::new(plan, grid, least)),
+            voids,
             scores_voids: voxels,
             last: plan.walked_orders(),
             harmonics: plan.harmonics,
@@ -215,7 +215,6 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
         // Those that are between two cells of the majorant grid.
         let mut flying = 0u32;
         let mut since = 0u32;
-        let skips = tables.voids.any() && tables.cells.is_none();
         loop {
             while dead != 0 && seeds.ready(tables, task, energies) {
                 let lane = dead.trailing_zeros() as usize;
@@ -250,7 +249,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             }
             dead = all & !inside & !flying;
             lanes.locate(tables);
-            let dense = if skips { lanes.dense(tables) & inside } else { inside };
+            let dense = tables.voids.as_ref().map_or(inside, |voids| lanes.dense(voids) & inside);
             lanes.deposit(tables, walk, &sinks, if tables.scores_voids { inside } else { dense });
             hit = if tables.certain {
                 lanes.accept_all();
@@ -581,8 +580,7 @@ impl<const C: usize> Lanes<C> {
         let mut inside = 0;
         loop {
             for i in 0..N {
-                let c = [self.at[0][i], self.at[1][i], self.at[2][i]];
-                self.cell[i] = ((c[2] * cells.n[1] + c[1]) * cells.n[0] + c[0]) as u32;
+                self.cell[i] = flat([0, 1, 2].map(|a| self.at[a][i] as u32), [cells.n[0] as u32, cells.n[1] as u32]);
             }
             for lane in bits(*flying) {
                 self.majorant[lane] = cells.majorant[self.cell[lane] as usize];
@@ -658,21 +656,19 @@ impl<const C: usize> Lanes<C> {
     #[inline(always)]
     fn locate(&mut self, tables: &Laned<C>) {
         let n = tables.field.n();
-        let [nx, ny] = [n[0] as u32, n[1] as u32];
-        let (shift, [mx, my]) = (tables.voids.shift, tables.voids.n);
         for i in 0..N {
             let c = [0, 1, 2].map(|a| cell(self.q[a][i]) as u32);
-            self.voxel[0][i] = (c[2].wrapping_mul(ny).wrapping_add(c[1])).wrapping_mul(nx).wrapping_add(c[0]);
-            let c = c.map(|c| c >> shift);
-            self.cell[i] = (c[2].wrapping_mul(my).wrapping_add(c[1])).wrapping_mul(mx).wrapping_add(c[0]);
+            self.voxel[0][i] = flat(c, [n[0] as u32, n[1] as u32]);
         }
     }
 
     /// The lanes whose tentative collisions are not in a void.
     #[inline(always)]
-    fn dense(&self, tables: &Laned<C>) -> u32 {
-        let empty = &tables.voids.empty;
-        mask(|i| empty.get(self.cell[i] as usize) == Some(&false))
+    fn dense(&mut self, voids: &Voids) -> u32 {
+        for i in 0..N {
+            self.cell[i] = flat([0, 1, 2].map(|a| cell(self.q[a][i]) as u32 >> voids.shift), voids.n);
+        }
+        mask(|i| voids.empty.get(self.cell[i] as usize) == Some(&false))
     }
 
     /// Scores the tentative collisions of some lanes.
@@ -781,17 +777,15 @@ impl<const C: usize> Lanes<C> {
     #[inline(always)]
     fn accept(&mut self, tables: &Laned<C>, dense: u32) -> u32 {
         let n = tables.field.n();
-        let [nx, ny] = [n[0] as u32, n[1] as u32];
         self.p = self.q;
         let spread = if tables.field.linear() { 1.0f32 } else { 0.0 };
         for i in 0..N {
             let word = self.word[1][i];
             let c: [u32; 3] = std::array::from_fn(|a| {
-                let jitter = (word >> (10 * a) & 1023) as f32 * (1.0 / 1024.0) - (511.5 / 1024.0);
-                let q = Real::max(self.q[a][i] + spread * jitter, 0.0);
+                let q = Real::max(self.q[a][i] + spread * jitter(word, a), 0.0);
                 cell(Real::min(q, n[a] as f32 - 0.5)) as u32
             });
-            self.voxel[1][i] = (c[2].wrapping_mul(ny).wrapping_add(c[1])).wrapping_mul(nx).wrapping_add(c[0]);
+            self.voxel[1][i] = flat(c, [n[0] as u32, n[1] as u32]);
         }
         let values = tables.field.values();
         self.density = [0.0; N];
@@ -807,6 +801,12 @@ impl<const C: usize> Lanes<C> {
         }
         mask(|i| hit[i]) & dense
     }
+}
+
+/// The index of a cell of a grid with the given numbers of cells along x and y; any number for a lane that holds nothing.
+#[inline(always)]
+fn flat(c: [u32; 3], n: [u32; 2]) -> u32 {
+    c[2].wrapping_mul(n[1]).wrapping_add(c[1]).wrapping_mul(n[0]).wrapping_add(c[0])
 }
 
 /// A free flight in mean free paths, from 32 bits and ten more behind them: up to 28 mean free paths.
