@@ -74,9 +74,10 @@ pub struct Energy {
 }
 
 /// Why a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Stopped {
-    /// All photons were walked (or none were needed).
+    /// All photons or paths were walked (or none were needed).
+    #[default]
     Photons,
     /// The target error was reached.
     TargetError,
@@ -86,8 +87,19 @@ pub enum Stopped {
     Progress,
 }
 
+/// An image in layers, row by row from the top, channels fastest.
+#[derive(Debug, Clone, Default)]
+pub struct Pixels {
+    /// Light scattered once.
+    pub order1: Vec<f32>,
+    /// Light scattered more often.
+    pub order2: Vec<f32>,
+    /// Standard error of their sum.
+    pub error: Vec<f32>,
+}
+
 /// Arrays over voxels (x fastest, then channels), and what the run was like.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Outcome {
     /// Fluence and its standard error.
     pub fluence: Option<(Vec<f32>, Vec<f32>)>,
@@ -97,6 +109,8 @@ pub struct Outcome {
     pub source: Option<Vec<f32>>,
     /// J of incident order 0 of lights without a deterministic order 1.
     pub source0: Option<Vec<f32>>,
+    /// The image of a run of paths.
+    pub pixels: Option<Pixels>,
     /// Independent estimates of `source` + `source0`, the replicate fastest.
     pub subvolumes: Option<Vec<f32>>,
     /// Replicates in `subvolumes`.
@@ -105,11 +119,11 @@ pub struct Outcome {
     pub columns: Vec<Option<Vec<f32>>>,
     /// Where the energy went.
     pub energy: Energy,
-    /// Photons walked.
+    /// Photons or paths walked.
     pub photons: u64,
     /// Real collisions.
     pub collisions: u64,
-    /// Finished batches.
+    /// Finished batches; of a run of paths, view rays per pixel.
     pub batches: u64,
     /// Seconds of the stages: light grid, photons, estimate.
     pub seconds: [f64; 3],

@@ -13,8 +13,8 @@ from ._errors import SceneError
 if TYPE_CHECKING:
     from ._result import Result
 
-MEANS = ("fluence", "radiance", "source", "source0", "subvolumes")
-ERRORS = ("fluence_error", "radiance_error")
+MEANS = ("fluence", "radiance", "source", "source0", "subvolumes", "order1", "order2")
+ERRORS = ("fluence_error", "radiance_error", "error")
 SAME_SETTINGS = ("max_scatterings", "errors", "outputs", "over_voxels")
 COUNTS = ("photons", "collisions", "batches")
 
@@ -37,10 +37,11 @@ def merge(a: "Result", b: "Result") -> dict[str, Any]:
     for name in ERRORS:
         if x.get(name) is not None:
             data[name] = _error(weights, x[name], y[name])
-    data["energy"] = {
-        name: (_error if name == "error" else _mean)(weights, x["energy"][name], y["energy"][name])
-        for name in x["energy"]
-    }
+    if "energy" in x:
+        data["energy"] = {
+            name: (_error if name == "error" else _mean)(weights, value, y["energy"][name])
+            for name, value in x["energy"].items()
+        }
     data["plan"] = {**x["plan"], "photons": x["plan"]["photons"] + y["plan"]["photons"]}
     data["stats"] = _stats(x["stats"], y["stats"])
     data["warnings"] = list(dict.fromkeys([*x["warnings"], *y["warnings"]]))

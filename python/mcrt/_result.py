@@ -14,6 +14,7 @@ from ._records import Energy, Plan, Record, energy
 from ._scene import Camera, as_camera, camera_from_spec
 
 CACHED_CAMERAS = 16
+PIXELS = ("order1", "order2", "error")  # of a path result
 ORDERS = {0: "background", 1: "order1", "2+": "order2"}
 
 
@@ -28,8 +29,6 @@ class Result:
     ----------
     plan : Plan
         What ran, and why.
-    energy : Energy
-        The energy balance.
     warnings : list of str
     camera : Camera
         The camera of the run; if none was given, the one that frames the volume.
@@ -57,9 +56,14 @@ class Result:
         self._seeds = seeds or (settings["seed"],)
         self._layers: dict[tuple[Any, ...], dict[str, np.ndarray]] = {}
         self.plan = Plan(data["plan"])
-        self.energy: Energy = energy(data["energy"])
         self.warnings: list[str] = list(data["warnings"])
         self.camera: Camera = camera_from_spec(scene["camera"])
+
+    @cached_property
+    def energy(self) -> Energy:
+        """The energy balance."""
+        self._need_voxels("energy")
+        return energy(self._data["energy"])
 
     # Voxels
 
@@ -268,6 +272,7 @@ class Result:
     # What the above is made of
 
     def _voxels(self, name: str, suffix: str = "") -> np.ndarray:
+        self._need_voxels(name)
         outputs = self._settings["outputs"]
         if name not in outputs:
             raise missing(name, outputs)
@@ -281,6 +286,10 @@ class Result:
         if arrays.get(name) is None:
             raise SceneError(f'method "{self.plan.method}" gives no {name}; use method="photon"')
         return arrays[name]
+
+    def _need_voxels(self, name: str) -> None:
+        if self.plan.method == "path":
+            raise SceneError(f'a "path" result has images only, no {name}; use method="photon"')
 
     def _need_errors(self) -> None:
         if not self._settings["errors"]:
@@ -301,8 +310,14 @@ class Result:
             raise missing("image", self._settings["outputs"])
         spec = (self.camera if camera is None else as_camera(camera))._spec()
         layers = self._layers.get(spec)
+        if self.plan.method == "path" and spec != self.camera._spec():
+            raise SceneError(
+                'a "path" result holds the image of its own camera only; use method="photon", or '
+                "run again with camera=..."
+            )
         if layers is None or (replicates and "error" not in layers):
             layers = _mcrt.gather(self._scene, self._volumes(), spec, replicates)
+            layers |= {name: self._data[name] for name in PIXELS if name in self._data}
             if replicates and "error" not in layers:  # no photons, or a single batch of them
                 unknown = np.inf if self._data["stats"]["photons"] else 0.0
                 layers["error"] = np.full_like(layers["order1"], unknown)
@@ -318,6 +333,7 @@ class Result:
         return {
             **{name: self._data.get(name) for name in names},
             "max_scatterings": self._settings["max_scatterings"],
+            "transmitted_only": self.plan.method == "path",
             "threads": self._settings["threads"],
             "eye": self._scene["camera"],
         }

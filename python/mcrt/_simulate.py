@@ -35,7 +35,7 @@ def simulate(
     camera: Camera | None = None,
     detector: None = None,
     photons: float | None = None,
-    spp: None = None,
+    spp: float | None = None,
     target_error: float | None = None,
     time_limit: float | None = None,
     max_scatterings: int | None = None,
@@ -65,16 +65,20 @@ def simulate(
         None frames the volume, and `target_error` is then meant for voxels, not for pixels.
     photons : int, optional
         Number of photons, 1 to 1e15; `1e7` is fine.
+    spp : int, optional
+        Paths per pixel of method "path", 1 to 1e9 (rounded up to whole view rays of up to 4 paths).
     target_error : float, optional
         Stop at this relative error: sqrt(mean(stderr^2 + estimated bias^2)) / mean(value), the
         worst channel, over the pixels (or voxels) above 5 % of the maximum. 0.02 where neither
-        `photons`, `target_error` nor `time_limit` is given.
+        `photons`, `spp`, `target_error` nor `time_limit` is given.
     time_limit : float, optional
         Stop after this many seconds (such a result depends on the machine's speed).
     max_scatterings : int, optional
         n: images and radiance hold orders 1..n, fluence and absorbed 0..n. None: all orders.
-    method : "auto", "single" or "photon"
-        "single" is deterministic and holds order 1 only; its fluence is that of order 0.
+    method : "auto", "single", "photon" or "path"
+        "single" is deterministic and holds order 1 only; its fluence is that of order 0. "photon"
+        keeps orders 2 and up in the voxels, for any number of images. "path" traces paths from the
+        camera: the image of this camera alone, without bias. "auto" takes "path" if `spp` is given.
     tracker : "auto", "woodcock", "march" or "analytic"
         How free flights are sampled; "analytic" needs a homogeneous medium.
     angular : "auto", "sh" or int
@@ -91,13 +95,13 @@ def simulate(
     errors : bool
         False spares the memory of the standard errors.
     outputs : sequence (or set) of "fluence", "radiance", "image", optional
-        What the result shall hold; None: all of them.
+        What the result shall hold; None: all of them (of method "path" the image).
     force : bool
         Run even if the estimated memory is more than there is.
     progress : bool or callable, optional
         None: a tqdm bar where tqdm is installed and somebody watches. A function is called with
         (fraction done, info) and stops the run by returning False.
-    emission, detector, spp, photoelectric
+    emission, detector, photoelectric
         Not yet available.
 
     Returns
@@ -181,9 +185,8 @@ def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
 
 def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
     """How to run: everything but the scene."""
-    for name in ("detector", "spp"):
-        if arguments[name] is not None:
-            raise not_yet(name)
+    if arguments["detector"] is not None:
+        raise not_yet("detector")
     if flag("photoelectric", arguments["photoelectric"]):
         raise not_yet("photoelectric")
     choice("backend", arguments["backend"], ("auto", "cpu"), later=("gpu",))
@@ -192,20 +195,24 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         value = arguments[name]
         return None if value is None else parse(name, value, *limits)
 
+    method = choice("method", arguments["method"], ("auto", "single", "photon", "path"))
+    if method == "auto" and arguments["spp"] is not None:
+        method = "path"
     return {
-        "method": choice("method", arguments["method"], ("auto", "single", "photon"), ("path",)),
+        "method": method,
         "tracker": choice(
             "tracker", arguments["tracker"], ("auto", "woodcock", "march", "analytic")
         ),
         "angular": _angular(arguments["angular"]),
         "photons": optional("photons", integer, 1, 10**15),
+        "spp": optional("spp", integer, 1, 10**9),
         "target_error": optional("target_error", positive),
         "time_limit": optional("time_limit", positive),
         "max_scatterings": optional("max_scatterings", integer, 0, 2**31 - 1),
         "seed": integer("seed", arguments["seed"], 0, 2**64 - 1),
         "threads": optional("threads", integer, 1, 1024),
         "errors": flag("errors", arguments["errors"]),
-        "outputs": _outputs(arguments["outputs"]),
+        "outputs": _outputs(arguments["outputs"], ("image",) if method == "path" else OUTPUTS),
         "force": flag("force", arguments["force"]),
         "over_voxels": arguments["camera"] is None,
         "simd": os.environ.get("MCRT_SIMD") or None,
@@ -219,10 +226,10 @@ def _angular(value: Any) -> int | None:
     return integer("angular", value, 0, 8)
 
 
-def _outputs(value: Any) -> tuple[str, ...]:
+def _outputs(value: Any, default: tuple[str, ...]) -> tuple[str, ...]:
     """The names of the outputs, each once, in their own order."""
     if value is None:
-        return OUTPUTS
+        return default
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, Sequence | Set) or not names:
         raise wrong("outputs", f"a sequence of {', '.join(OUTPUTS)}", value)

@@ -74,7 +74,7 @@ def picture(result: "Result", camera: "Camera | None" = None) -> bytes:
 
 def summary(result: "Result") -> list[tuple[str, str]]:
     """What ran, how long, how sure: rows of name and text."""
-    plan, stats, energy = result.plan, result.stats, result.energy
+    plan, stats = result.plan, result.stats
     stages = ", ".join(f"{stage} {seconds:.2g} s" for stage, seconds in stats.seconds.items())
     rows = [
         ("ran", f"{plan.method} on {plan.backend}, tracker {plan.tracker}, {_orders(result)}"),
@@ -82,7 +82,8 @@ def summary(result: "Result") -> list[tuple[str, str]]:
     ]
     if stats.photons:
         shot = f"{stats.photons:.3g}, {stats.photons_per_second:.2g} per second"
-        rows.append(("photons", f"{shot}, stopped by {stats.stopped_by}"))
+        what = "paths" if plan.method == "path" else "photons"
+        rows.append((what, f"{shot}, stopped by {stats.stopped_by}"))
     if stats.photons and stats.relative_error is not None:
         rows.append(
             (
@@ -92,6 +93,9 @@ def summary(result: "Result") -> list[tuple[str, str]]:
                 f"95 % are below {_percent(stats.relative_error_95)}",
             )
         )
+    if plan.method == "path":
+        return rows + [("warning", text) for text in result.warnings]
+    energy = result.energy
     shares = {
         **{name: energy[name] for name in ("missed", "unscattered", "absorbed", "truncated")},
         "escaped": sum(energy.escaped.values()),

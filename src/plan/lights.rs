@@ -1,6 +1,6 @@
 //! What the plan decides for each light: where its photons start, and how its unscattered light is found.
 
-use super::probe;
+use super::probe::interpolation_error;
 use crate::scene::{Light, Scene};
 
 /// Where the photons of a light start.
@@ -94,7 +94,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool,
             let emission = if first { Emission::FirstCollision } else { at_light };
             // Rays through constant density have a closed form: no grid is as cheap.
             let constant = volume.is_constant();
-            let interpolation_error = if constant { 0.0 } else { probe::interpolation_error(scene, light) };
+            let interpolation_error = if constant { 0.0 } else { interpolation_error(scene, light) };
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
             let column = if rays { Column::Rays } else { Column::Grid };
             let direct = choose_quadrature(depth, volume.voxels(), constant, voxels);

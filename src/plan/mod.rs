@@ -5,11 +5,13 @@ mod angular;
 pub mod cost;
 mod lights;
 pub mod majorant;
+pub mod path;
 mod probe;
 pub mod settings;
 
 pub use lights::{Column, Direct, Emission, LightPlan, points_for};
 pub use majorant::{MajorantGrid, StepCosts};
+pub use path::{Connection, PathPlan};
 pub use settings::{Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
@@ -90,6 +92,8 @@ pub struct Plan<'a> {
     pub harmonics: Option<usize>,
     /// Where incident orders 0, 1..n-1 and n go.
     pub routes: [Route; 3],
+    /// How paths run, for `Method::Path`.
+    pub paths: Option<PathPlan>,
     /// Photons per batch; 0 if none are shot.
     pub batch_photons: u64,
     /// Number of batches, if the number of photons is given.
@@ -120,7 +124,7 @@ impl<'a> Plan<'a> {
         let channels = scene.channels();
         let depth = voxel_depth(scene);
         let scatters = medium.max_albedo() > 0.0 && medium.max_sigma_t() > 0.0;
-        let target_error = match (settings.target_error, settings.photons, settings.time_limit) {
+        let target_error = match (settings.target_error, settings.photons.or(settings.spp), settings.time_limit) {
             (None, None, None) => Some(0.02),
             (target, ..) => target,
         };
@@ -128,7 +132,7 @@ impl<'a> Plan<'a> {
         let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
         let orders = match method {
             Method::Single => settings.max_scatterings.unwrap_or(1).min(1),
-            Method::Photon => settings.max_scatterings.unwrap_or(u32::MAX),
+            Method::Photon | Method::Path => settings.max_scatterings.unwrap_or(u32::MAX),
         };
         let chromatic = medium.is_chromatic() && channels == 3;
         why.push(
@@ -146,14 +150,26 @@ impl<'a> Plan<'a> {
         );
         let shoots_scattered = method == Method::Photon && scatters && orders > 0;
         let voxels = settings.fluence || settings.radiance;
-        let lights: Vec<LightPlan> = scene
-            .lights
-            .iter()
-            .map(|light| lights::plan_light(scene, light, depth, shoots_scattered, voxels))
-            .collect();
-        for (light, plan) in scene.lights.iter().zip(&lights) {
-            why.light(light, plan, depth);
-        }
+        let mut paths = None;
+        let lights: Vec<LightPlan> = if method == Method::Path {
+            let (lights, connections) = scene
+                .lights
+                .iter()
+                .map(|light| path::plan_light(scene, settings, light))
+                .collect::<Result<(Vec<_>, Vec<_>)>>()?;
+            for (light, how) in scene.lights.iter().zip(&connections) {
+                why.connection(light, how);
+            }
+            paths = Some(path::plan(scene, settings, connections, &mut why));
+            lights
+        } else {
+            let plan = |light| lights::plan_light(scene, light, depth, shoots_scattered, voxels);
+            let lights: Vec<_> = scene.lights.iter().map(plan).collect();
+            for (light, plan) in scene.lights.iter().zip(&lights) {
+                why.light(light, plan, depth);
+            }
+            lights
+        };
         let (tracker, majorant) = choose_tracker(scene, settings, chromatic, &mut why)?;
         let lanes = allows_lanes(scene, settings, chromatic) && tracker != Tracker::March;
         why.push(
@@ -182,7 +198,10 @@ impl<'a> Plan<'a> {
 
         let shoots = lights.iter().any(|l| l.emission != Emission::Nothing);
         let (harmonics, truncation) = angular::choose(scene, settings, target_error, &mut why);
-        let (layers, routes) = choose_layers(scene, settings, &lights, shoots_scattered, orders, harmonics.is_some());
+        let (layers, routes) = match method {
+            Method::Path => (Vec::new(), [(None, None); 3]),
+            _ => choose_layers(scene, settings, &lights, shoots_scattered, orders, harmonics.is_some()),
+        };
         let harmonics = harmonics
             .filter(|_| layers.iter().any(|layer| matches!(layer, Layer::Harmonics | Layer::HarmonicsUnscattered)));
         let photons_per_second =
@@ -213,13 +232,21 @@ impl<'a> Plan<'a> {
                     (None, None, t) => format!("until {} s have passed", t.unwrap_or(0.0)),
                 },
             );
-        } else {
+        } else if paths.is_none() {
             why.push("photons", "none".into(), "orders 0 and 1 are found without".into());
         }
         why.push(
             "errors",
-            if subvolumes > 0 { format!("{subvolumes} replicate volumes") } else { "no pixel errors".into() },
             if subvolumes > 0 {
+                format!("{subvolumes} replicate volumes")
+            } else if paths.is_some() {
+                "pixel by pixel".into()
+            } else {
+                "no pixel errors".into()
+            },
+            if paths.is_some() {
+                "every view ray is an independent estimate".into()
+            } else if subvolumes > 0 {
                 format!("pixel z follows Student's t with {} degrees of freedom", subvolumes - 1)
             } else if shoots {
                 "errors=False, or no image is asked for".into()
@@ -242,6 +269,7 @@ impl<'a> Plan<'a> {
             layers,
             harmonics,
             routes,
+            paths,
             batch_photons,
             batches,
             subvolumes,
@@ -328,13 +356,24 @@ impl Explain {
         self.decisions.push(Decision { name, choice, reason });
     }
 
-    fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
-        let name = match light {
-            Light::Point { .. } => "PointLight",
-            Light::Pencil { .. } => "PencilBeam",
-            Light::Directional { .. } => "DirectionalLight",
-            Light::Environment { .. } => "EnvironmentLight",
+    fn connection(&mut self, light: &Light, how: &Connection) {
+        let (choice, reason) = match how {
+            Connection::Corrected(chance) => (
+                "connected by the light grid".into(),
+                format!("put right by a light ray with the chance {chance:.3}, which keeps it unbiased"),
+            ),
+            Connection::Ray => ("connected by light rays".to_string(), "exact".into()),
+            Connection::Near => (
+                "in the medium or next to it".into(),
+                "points are drawn by their distance from it, so that the variance is finite".into(),
+            ),
+            Connection::Environment => ("met by what leaves the volume".into(), String::new()),
         };
+        self.push("light", format!("{}: {choice}", light.name()), reason);
+    }
+
+    fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
+        let name = light.name();
         let direct = match plan.direct {
             Direct::Quadrature { points, .. } => format!("order 0 by {points}^3 points a voxel"),
             Direct::Beam => "order 0 exact along the beam".into(),
@@ -391,12 +430,13 @@ fn choose_method(
             (Method::Single, format!("asked for; orders >= 2, which may reach {beyond:.2} of order 1, are left out"))
         }
         (Some(method), _) => (method, "asked for".into()),
+        (None, _) if settings.spp.is_some() => (Method::Path, "spp is given".into()),
         (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => {
             (Method::Single, format!("orders >= 2 are below {beyond:.1e} of order 1, the target is {target}"))
         }
         (None, _) => (Method::Photon, format!("orders >= 2 may reach {beyond:.2} of order 1")),
     };
-    why.push("method", if method == Method::Single { "single" } else { "photon" }.into(), reason);
+    why.push("method", method.to_string(), reason);
     Ok(method)
 }
 

@@ -12,6 +12,8 @@ pub enum Method {
     Single,
     /// Photons deposit orders >= 2 in voxels, a gather makes images.
     Photon,
+    /// Paths from the camera, images only.
+    Path,
 }
 
 /// How free flights are sampled.
@@ -25,13 +27,26 @@ pub enum Tracker {
     Analytic,
 }
 
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Method::Single => "single",
+            Method::Photon => "photon",
+            Method::Path => "path",
+        })
+    }
+}
+
 impl FromStr for Method {
     type Err = Error;
     fn from_str(s: &str) -> Result<Self> {
         match s {
             "single" => Ok(Method::Single),
             "photon" => Ok(Method::Photon),
-            _ => scene_error(format!("method = {s:?} is not allowed; \"auto\", \"single\" or \"photon\" are")),
+            "path" => Ok(Method::Path),
+            _ => {
+                scene_error(format!("method = {s:?} is not allowed; \"auto\", \"single\", \"photon\" or \"path\" are"))
+            }
         }
     }
 }
@@ -105,6 +120,8 @@ pub struct Settings {
     pub tracker: Option<Tracker>,
     /// Number of photons.
     pub photons: Option<u64>,
+    /// Paths per pixel.
+    pub spp: Option<u64>,
     /// Relative error at which the run stops.
     pub target_error: Option<f64>,
     /// Seconds after which the run stops.
@@ -139,6 +156,7 @@ impl Default for Settings {
             method: None,
             tracker: None,
             photons: None,
+            spp: None,
             target_error: None,
             time_limit: None,
             max_scatterings: None,
@@ -163,6 +181,25 @@ impl Settings {
             && !(1..=1_000_000_000_000_000).contains(&n)
         {
             return scene_error(format!("photons = {n} is not allowed; 1 to 1e15 are"));
+        }
+        if let Some(n) = self.spp
+            && !(1..=1_000_000_000).contains(&n)
+        {
+            return scene_error(format!("spp = {n} is not allowed; 1 to 1e9 are"));
+        }
+        match self.method {
+            Some(Method::Path) if self.photons.is_some() => {
+                return scene_error("photons is given, but method = \"path\" shoots none; use spp (paths per pixel)");
+            }
+            Some(Method::Path) if self.fluence || self.radiance => {
+                return scene_error(
+                    "outputs: method = \"path\" gives images only; use method = \"photon\" for values of voxels",
+                );
+            }
+            Some(Method::Single | Method::Photon) if self.spp.is_some() => {
+                return scene_error("spp is for method = \"path\"; the other methods take photons");
+            }
+            _ => {}
         }
         if let Some(e) = self.target_error
             && !(e > 0.0 && e.is_finite())

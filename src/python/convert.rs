@@ -172,6 +172,7 @@ pub fn settings(dict: &Bound<'_, PyDict>) -> PyResult<Settings> {
         method: choice("method")?.map(|s| s.parse()).transpose().map_err(fail)?,
         tracker: choice("tracker")?.map(|s| s.parse()).transpose().map_err(fail)?,
         photons: optional(dict, "photons")?,
+        spp: optional(dict, "spp")?,
         target_error: optional(dict, "target_error")?,
         time_limit: optional(dict, "time_limit")?,
         // No run reaches more orders than 32 bits count.

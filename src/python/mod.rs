@@ -158,8 +158,9 @@ fn gather<'py>(
     let occupancy = occupancy.as_ref();
     let columns: Vec<_> =
         stored.columns.iter().map(|c| if c.is_some() { Column::Grid } else { Column::Rays }).collect();
-    // Without a scattering no light is seen in the medium.
-    let dark = convert::optional::<u64>(volumes, "max_scatterings")? == Some(0);
+    // Without a scattering no light is seen in the medium; and paths have seen it already.
+    let dark = convert::optional::<u64>(volumes, "max_scatterings")? == Some(0)
+        || convert::optional::<bool>(volumes, "transmitted_only")? == Some(true);
     let lights = parsed
         .lights
         .iter()
@@ -278,6 +279,12 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
             out.set_item(name, array(py, volume, &by_direction, channels, 1)?)?;
         }
     }
+    if let Some(pixels) = outcome.pixels {
+        let [width, height] = plan.scene.camera.resolution;
+        for (name, values) in [("order1", pixels.order1), ("order2", pixels.order2), ("error", pixels.error)] {
+            out.set_item(name, array(py, values, &[height, width], channels, 1)?)?;
+        }
+    }
     out.set_item("harmonics", plan.harmonics)?;
     if let Some(volumes) = outcome.subvolumes {
         out.set_item("subvolumes", array(py, volumes, &by_direction, channels, outcome.replicates)?)?;
@@ -290,26 +297,32 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         }
     }
     out.set_item("columns", columns)?;
-    let energy = PyDict::new(py);
-    let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
-    energy.set_item("launched", by_channel(&outcome.energy.launched))?;
-    energy.set_item("error", by_channel(&outcome.energy.error))?;
-    for (share, name) in Share::ALL {
-        energy.set_item(name, by_channel(&outcome.energy.fractions[share.index()]))?;
+    if plan.paths.is_none() {
+        let energy = PyDict::new(py);
+        let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
+        energy.set_item("launched", by_channel(&outcome.energy.launched))?;
+        energy.set_item("error", by_channel(&outcome.energy.error))?;
+        for (share, name) in Share::ALL {
+            energy.set_item(name, by_channel(&outcome.energy.fractions[share.index()]))?;
+        }
+        out.set_item("energy", energy)?;
     }
-    out.set_item("energy", energy)?;
     let stats = PyDict::new(py);
     stats.set_item("photons", outcome.photons)?;
     stats.set_item("collisions", outcome.collisions)?;
     stats.set_item("batches", outcome.batches)?;
     stats.set_item("degrees_of_freedom", outcome.batches.saturating_sub(1))?;
-    stats.set_item("degrees_of_freedom_pixel", outcome.replicates.saturating_sub(1))?;
+    let independent = if plan.paths.is_some() { outcome.batches as usize } else { outcome.replicates };
+    stats.set_item("degrees_of_freedom_pixel", independent.saturating_sub(1))?;
+    stats.set_item("spp", plan.paths.as_ref().map(|paths| paths.starts * outcome.batches))?;
     let seconds = PyDict::new(py);
-    for (name, value) in ["light grid", "photons", "estimate"].into_iter().zip(outcome.seconds) {
+    let stages = ["light grid", if plan.paths.is_some() { "paths" } else { "photons" }, "estimate"];
+    for (name, value) in stages.into_iter().zip(outcome.seconds) {
         seconds.set_item(name, value)?;
     }
     stats.set_item("seconds", seconds)?;
     let stopped = match outcome.stopped {
+        Stopped::Photons if plan.paths.is_some() => "spp",
         Stopped::Photons => "photons",
         Stopped::TargetError => "target_error",
         Stopped::TimeLimit => "time_limit",

@@ -113,6 +113,20 @@ impl Camera {
         }
     }
 
+    /// Where a point is seen, in pixels from the upper left corner; `None` behind the eye.
+    pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
+        let r: [f64; 3] = std::array::from_fn(|a| point[a] - self.origin[a]);
+        let dot = |axis: &[f64; 3]| (0..3).map(|a| r[a] * axis[a]).sum::<f64>();
+        let [width, height] = self.resolution.map(|r| r as f64);
+        let depth = dot(&self.forward);
+        let scale = match self.projection {
+            Projection::Perspective { half_width } => half_width * depth,
+            Projection::Orthographic { half_width } => half_width,
+        };
+        let (u, v) = (dot(&self.right) / scale, dot(&self.up) / scale);
+        (depth > 0.0).then_some([0.5 * (u + 1.0) * width, 0.5 * (height - v * width)])
+    }
+
     /// The direction from a point towards the eye is `eye - point` normalised; for parallel views it is constant.
     pub fn eye(&self) -> Eye {
         match self.projection {

@@ -199,6 +199,12 @@ impl<'a> Field<'a> {
         self.values
     }
 
+    /// The value everywhere, where it is known to be constant.
+    #[inline(always)]
+    pub fn constant(&self) -> Option<f32> {
+        self.constant.then(|| self.values[0])
+    }
+
     /// Whether values are interpolated.
     #[inline(always)]
     pub fn linear(&self) -> bool {
@@ -296,17 +302,13 @@ impl<'a> Field<'a> {
     /// The same, but no further than where it exceeds `enough`.
     #[inline]
     pub fn column_up_to(&self, p: V3, v: V3, end: f32, enough: f32) -> f32 {
-        const NODE: f32 = 0.211_324_87;
+        if let Some(density) = self.constant() {
+            return density * end.min(leave(p, v, self.n).1);
+        }
         let mut sum = 0.0f32;
-        if self.constant {
-            sum = self.values[0] * end.min(leave(p, v, self.n).1);
-        } else if self.linear {
+        if self.linear {
             self.visit(p, v, end, |cell, t0, t1| {
-                let corners = self.corners(cell);
-                let step = NODE * (t1 - t0);
-                let base: V3 = std::array::from_fn(|a| p[a] - (cell[a] as f32 + 0.5));
-                let value = |t: f32| corners.at(along(base, v, t));
-                sum += 0.5 * (t1 - t0) * (value(t0 + step) + value(t1 - step));
+                sum += self.linear_piece(cell, p, v, t0, t1);
                 sum <= enough
             });
         } else {
@@ -316,6 +318,22 @@ impl<'a> Field<'a> {
             });
         }
         sum
+    }
+
+    /// The integral over a piece that [`Field::visit`] gives.
+    #[inline(always)]
+    pub fn piece(&self, cell: [i32; 3], p: V3, v: V3, t0: f32, t1: f32) -> f32 {
+        if self.linear { self.linear_piece(cell, p, v, t0, t1) } else { self.voxel(cell) * (t1 - t0) }
+    }
+
+    #[inline(always)]
+    fn linear_piece(&self, cell: [i32; 3], p: V3, v: V3, t0: f32, t1: f32) -> f32 {
+        const NODE: f32 = 0.211_324_87;
+        let corners = self.corners(cell);
+        let step = NODE * (t1 - t0);
+        let base: V3 = std::array::from_fn(|a| p[a] - (cell[a] as f32 + 0.5));
+        let value = |t: f32| corners.at(along(base, v, t));
+        0.5 * (t1 - t0) * (value(t0 + step) + value(t1 - step))
     }
 
     /// Calls `f(cell, t0, t1)` for the pieces of `p + t v`, t from 0 to `end`, within which the field is one polynomial,

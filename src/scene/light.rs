@@ -67,6 +67,16 @@ impl Light {
         Ok(Light::Environment { radiance: Spectrum::new(radiance, "EnvironmentLight: radiance")? })
     }
 
+    /// The name of its kind in Python.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Light::Point { .. } => "PointLight",
+            Light::Pencil { .. } => "PencilBeam",
+            Light::Directional { .. } => "DirectionalLight",
+            Light::Environment { .. } => "EnvironmentLight",
+        }
+    }
+
     /// Intensity, power, irradiance or radiance.
     pub fn value(&self) -> &Spectrum {
         match self {

@@ -6,6 +6,7 @@ mod even;
 pub mod gather;
 pub mod lanes;
 pub mod light;
+pub mod path;
 pub mod pixel_error;
 mod settle;
 pub mod shoot;
@@ -38,7 +39,9 @@ pub fn with_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> T + 
 
 /// Runs a plan.
 pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
-    with_threads(plan.settings.threads, || run_here(plan, control))?
+    with_threads(plan.settings.threads, || {
+        if plan.paths.is_some() { path::run(plan, control) } else { run_here(plan, control) }
+    })?
 }
 
 fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {

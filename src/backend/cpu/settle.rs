@@ -105,6 +105,7 @@ pub(super) fn settle(
         warnings.push("one batch of photons only: standard errors are not known (infinite)".into());
     }
     Ok(Outcome {
+        pixels: None,
         fluence,
         radiance,
         source,

@@ -326,7 +326,7 @@ impl<'a> Medium<'a> {
 
     /// The albedo at a point; a per-voxel one by a read whose mean it is, which is unbiased as weights are linear in it.
     #[inline(always)]
-    fn albedo<const C: usize>(&self, p: V3, word: u32) -> [f32; C] {
+    pub fn albedo<const C: usize>(&self, p: V3, word: u32) -> [f32; C] {
         match &self.field {
             None => std::array::from_fn(|c| self.constant[c]),
             Some(field) => [field.one_read(p, word); C],

@@ -34,7 +34,7 @@ impl<const C: usize> Weights<C> {
 
     /// Takes in an event of the given chance (any common scale) under each channel.
     #[inline(always)]
-    fn observe(&mut self, chance: [f32; C]) {
+    pub fn observe(&mut self, chance: [f32; C]) {
         let mut sum = 0.0;
         for c in 0..C {
             self.chance[c] *= chance[c];

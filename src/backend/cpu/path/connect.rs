@@ -1,0 +1,315 @@
+//! Connections: the light that reaches a vertex of a path straight from a source and scatters along the path.
+//!
+//! A path runs against the light. At a vertex that it reached along `travel`, light that travels along `l` scatters into it
+//! by P(-l . travel).
+
+use super::primary::ViewRay;
+use crate::backend::cpu::light::{Illumination, Source};
+use crate::physics::frame::rotate;
+use crate::physics::rng::{Draws, uniform};
+use crate::physics::{Phase, Real};
+use crate::plan::{Connection, Plan};
+use crate::scene::Light;
+use crate::scene::field::{Field, V3, along, leave};
+use std::f32::consts::FRAC_1_PI;
+
+/// The directions of a joint connection: half by the phase function, half by 1 / sine of the angle to the light.
+const TOWARDS_LIGHT: f32 = 0.5;
+
+/// A light that vertices are connected to.
+pub struct Lit<'a> {
+    /// The light seen from within.
+    pub view: Illumination<'a>,
+    /// The chance of a correcting light ray; 1 where every connection takes one.
+    pub check: f32,
+}
+
+/// All lights as a path finds them.
+pub struct Connections<'a> {
+    /// Lights that every vertex is connected to.
+    pub far: Vec<Lit<'a>>,
+    /// Lights in the medium or next to it.
+    pub near: Vec<Illumination<'a>>,
+    /// Radiance that is met on leaving the volume, by channel.
+    pub background: [f32; 3],
+    /// Extinction per density, by channel.
+    pub extinction: [f32; 3],
+    field: Field<'a>,
+    phase: &'a Phase,
+    h: V3,
+}
+
+impl<'a> Connections<'a> {
+    /// Those of a plan; `views` are its lights seen from within.
+    pub fn new(plan: &'a Plan<'a>, field: Field<'a>, views: &[Option<Illumination<'a>>]) -> Self {
+        let medium = &plan.scene.medium;
+        let (mut far, mut near) = (Vec::new(), Vec::new());
+        let mut background = [0.0; 3];
+        let connections = plan.paths.iter().flat_map(|paths| &paths.connections);
+        for ((light, view), how) in plan.scene.lights.iter().zip(views).zip(connections) {
+            if light.value().max() == 0.0 {
+                continue;
+            }
+            match (how, view, light) {
+                (Connection::Corrected(check), Some(view), _) => far.push(Lit { view: view.clone(), check: *check }),
+                (Connection::Ray, Some(view), _) => far.push(Lit { view: view.clone(), check: 1.0 }),
+                (Connection::Near, Some(view), _) => near.push(view.clone()),
+                (_, _, Light::Environment { radiance }) => {
+                    for c in 0..3 {
+                        background[c] += radiance.rgb[c] as f32;
+                    }
+                }
+                _ => {}
+            }
+        }
+        Connections {
+            far,
+            near,
+            background,
+            extinction: medium.extinction.rgb.map(|e| e as f32),
+            field,
+            phase: &medium.phase,
+            h: medium.volume.spacing().map(|c| c as f32),
+        }
+    }
+
+    /// Whether light is met on leaving the volume.
+    pub fn has_background(&self) -> bool {
+        self.background.iter().any(|&b| b > 0.0)
+    }
+
+    /// Transmittance of a column density, by channel.
+    #[inline(always)]
+    fn through(&self, column: f32) -> [f32; 3] {
+        self.extinction.map(|e| Real::exp(-e * column))
+    }
+
+    /// The radiance that all far lights scatter along the path at a vertex, over the albedo there.
+    #[inline(always)]
+    pub fn scattered(&self, p: V3, travel: V3, draws: &mut Draws) -> [f32; 3] {
+        let mut sum = [0.0f32; 3];
+        for light in &self.far {
+            let incident = light.view.incident(p);
+            let l = incident.direction;
+            let cos_theta = -(l[0] * travel[0] + l[1] * travel[1] + l[2] * travel[2]);
+            let scale = self.phase.pdf(cos_theta.clamp(-1.0, 1.0)) * incident.falloff;
+            let mut through = self.through(light.view.column(p, &incident));
+            if light.check < 1.0 && uniform(draws.next4()[0]) <= light.check {
+                let exact = self.through(light.view.ray(p, &incident));
+                for c in 0..3 {
+                    through[c] += (exact[c] - through[c]) / light.check;
+                }
+            }
+            for c in 0..3 {
+                sum[c] += light.view.value[c] * scale * through[c];
+            }
+        }
+        sum
+    }
+
+    /// The light of a near light at a point `y` that the path comes to along `travel`, over its transmittance and without
+    /// 1 / distance^2: value * P * transmittance of the way from the light, by channel.
+    #[inline(always)]
+    fn arriving(&self, light: &Illumination, y: V3, travel: V3) -> [f32; 3] {
+        let incident = light.incident(y);
+        let l = incident.direction;
+        let cos_theta = -(l[0] * travel[0] + l[1] * travel[1] + l[2] * travel[2]);
+        let p = self.phase.pdf(cos_theta.clamp(-1.0, 1.0));
+        let through = self.through(light.ray(y, &incident));
+        std::array::from_fn(|c| light.value[c] * p * through[c])
+    }
+
+    /// The light of a near light that is scattered once more beyond a vertex at `p`, where the path arrived along `travel`
+    /// and scatters: over the albedos at both ends, `scatter` giving that at the further. Drawn jointly in direction and
+    /// distance, so that 1 / distance^2 from the light is no part of its weight.
+    #[inline(always)]
+    pub fn once_more(
+        &self,
+        light: &Illumination,
+        p: V3,
+        travel: V3,
+        draws: &mut Draws,
+        scatter: impl FnOnce(V3, u32) -> [f32; 3],
+    ) -> [f32; 3] {
+        let Source::Point(position) = light.source else { return [0.0; 3] };
+        let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * self.h[a]);
+        let way = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2]).sqrt().max(1e-20);
+        let axis = to.map(|c| c / way);
+        let words = draws.next4();
+        let direction = if words[3] & 1 == 0 {
+            let (sin_theta, cos_theta) = (0.5 * uniform(words[0])).sin_cos_turn();
+            rotate(axis, cos_theta, sin_theta, uniform(words[1]))
+        } else {
+            let (cos_theta, sin_theta) = self.phase.sample(uniform(words[0]));
+            rotate(travel, cos_theta, sin_theta, uniform(words[1]))
+        };
+        let dot = |a: &V3, b: &V3| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let (foot, cos_theta) = (dot(&to, &direction), dot(&direction, &travel).clamp(-1.0, 1.0));
+        let off = (0..3).map(|a| (to[a] - foot * direction[a]).powi(2)).sum::<f32>().sqrt();
+        let sin_light = (off / way).max(1e-6);
+        let phase = self.phase.pdf(cos_theta);
+        let chance = TOWARDS_LIGHT * (0.5 * FRAC_1_PI * FRAC_1_PI) / sin_light + (1.0 - TOWARDS_LIGHT) * phase;
+        let v: V3 = std::array::from_fn(|a| direction[a] / self.h[a]);
+        let length = leave(p, v, self.field.n()).1;
+        let Some(place) = Equiangular::new(foot, off, length) else { return [0.0; 3] };
+        let t = place.at(uniform(words[2]));
+        let y = along(p, v, t);
+        let density = self.field.at(y);
+        if density <= 0.0 {
+            return [0.0; 3];
+        }
+        let between = self.through(self.field.column(p, v, t));
+        let arriving = self.arriving(light, y, direction);
+        // The light's 1 / distance^2 cancels against that in the density of t.
+        let scale = phase / chance * place.spread() * density;
+        let further = scatter(y, words[3] >> 1);
+        std::array::from_fn(|c| scale * between[c] * arriving[c] * further[c] * self.extinction[c])
+    }
+
+    /// What a near light adds to a view ray by being scattered once, at a point drawn by its distance from the light, or at
+    /// a first collision: over the albedo there, and by the balance heuristic of both.
+    #[inline(always)]
+    pub fn on_view(&self, light: &Illumination, ray: &ViewRay, spot: Spot, met: &Met) -> [f32; 3] {
+        let density = self.field.at(spot.p);
+        if density <= 0.0 {
+            return [0.0; 3];
+        }
+        let Some(place) = equiangular_on(light, ray, self.h) else { return [0.0; 3] };
+        let collision = met.density(spot.column) * density;
+        let arriving = self.arriving(light, spot.p, ray.direction);
+        let d2 = place.distance2(spot.t);
+        let between = self.through(spot.column);
+        // Both chances times d2: near the light the first is constant and the second vanishes.
+        let scale = density / (1.0 / place.spread() + collision * d2);
+        std::array::from_fn(|c| scale * self.extinction[c] * between[c] * arriving[c])
+    }
+
+    /// The point of a view ray at which it is looked at for a near light.
+    #[inline(always)]
+    pub fn spot(&self, light: &Illumination, ray: &ViewRay, xi: f32) -> Option<Spot> {
+        let t = equiangular_on(light, ray, self.h)?.at(xi);
+        let column = self.field.column(ray.p, ray.v, t);
+        Some(Spot { p: along(ray.p, ray.v, t), t, column })
+    }
+}
+
+/// A point of a view ray.
+#[derive(Debug, Clone, Copy)]
+pub struct Spot {
+    /// In voxels.
+    pub p: V3,
+    /// Length from the ray's entry.
+    pub t: f32,
+    /// Column density up to it.
+    pub column: f32,
+}
+
+/// What a view ray met: the chances of first collisions on it.
+#[derive(Debug, Clone, Copy)]
+pub struct Met {
+    /// Channels whose extinctions differ.
+    pub channels: usize,
+    /// Extinction per density.
+    pub extinction: [f32; 3],
+    /// 1 - transmittance of the whole ray, by channel.
+    pub opacity: [f32; 3],
+}
+
+impl Met {
+    /// The density of first collisions per column density at a given one, the mean over the channels that may decide.
+    #[inline(always)]
+    pub fn density(&self, column: f32) -> f32 {
+        let mut sum = 0.0;
+        for c in 0..self.channels {
+            sum += self.chance(c, column);
+        }
+        sum / self.channels as f32
+    }
+
+    /// The same under one channel.
+    #[inline(always)]
+    pub fn chance(&self, c: usize, column: f32) -> f32 {
+        if self.opacity[c] > 0.0 {
+            self.extinction[c] * Real::exp(-self.extinction[c] * column) / self.opacity[c]
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Points on a line by the angle under which a light sees them (Kulla and Fajardo, *Importance sampling techniques for path
+/// tracing in participating media*, EGSR 2012).
+#[derive(Debug, Clone, Copy)]
+struct Equiangular {
+    foot: f32,
+    off: f32,
+    from: f32,
+    to: f32,
+    length: f32,
+}
+
+impl Equiangular {
+    /// For a line of the given length, the point nearest to the light, and its distance from the light.
+    #[inline(always)]
+    fn new(foot: f32, off: f32, length: f32) -> Option<Self> {
+        let off = off.max(1e-6 * length.max(foot.abs()));
+        let (from, to) = ((-foot / off).atan(), ((length - foot) / off).atan());
+        (to > from && off > 0.0).then_some(Equiangular { foot, off, from, to, length })
+    }
+
+    /// A point.
+    #[inline(always)]
+    fn at(&self, xi: f32) -> f32 {
+        let angle = self.from + (self.to - self.from) * xi;
+        (self.foot + self.off * angle.tan()).clamp(0.0, self.length)
+    }
+
+    /// The squared distance of a point from the light.
+    #[inline(always)]
+    fn distance2(&self, t: f32) -> f32 {
+        self.off * self.off + (t - self.foot) * (t - self.foot)
+    }
+
+    /// 1 / (density of t * squared distance).
+    #[inline(always)]
+    fn spread(&self) -> f32 {
+        (self.to - self.from) / self.off
+    }
+}
+
+#[inline(always)]
+fn equiangular_on(light: &Illumination, ray: &ViewRay, h: V3) -> Option<Equiangular> {
+    let Source::Point(position) = light.source else { return None };
+    let to: V3 = std::array::from_fn(|a| (position[a] - ray.p[a]) * h[a]);
+    let d = ray.direction;
+    let foot = to[0] * d[0] + to[1] * d[1] + to[2] * d[2];
+    let off = (0..3).map(|a| (to[a] - foot * d[a]).powi(2)).sum::<f32>().sqrt();
+    Equiangular::new(foot, off, ray.length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equiangular_density_integrates_to_one() {
+        let place = Equiangular::new(0.7, 0.05, 2.0).expect("a line");
+        let n = 200_000;
+        let sum: f64 = (0..n)
+            .map(|i| {
+                let t = 2.0 * (i as f32 + 0.5) / n as f32;
+                f64::from(1.0 / (place.spread() * place.distance2(t))) * 2.0 / f64::from(n)
+            })
+            .sum();
+        assert!((sum - 1.0).abs() < 1e-3, "{sum}");
+        let (below, above) = (place.at(0.25), place.at(0.75));
+        let part = (0..n).filter(|i| (below..above).contains(&(2.0 * (*i as f32 + 0.5) / n as f32)));
+        let half: f64 = part
+            .map(|i| {
+                f64::from(1.0 / (place.spread() * place.distance2(2.0 * (i as f32 + 0.5) / n as f32))) * 2.0
+                    / f64::from(n)
+            })
+            .sum();
+        assert!((half - 0.5).abs() < 1e-3, "{half}");
+    }
+}

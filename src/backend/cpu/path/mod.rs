@@ -1,0 +1,272 @@
+//! Path tracing from the camera: unbiased images, one independent estimate per view ray.
+//!
+//! A view ray is walked once, and the paths that it starts begin at collisions drawn from it; weights hold the chance that
+//! there is one. From there paths run against the light by null-collision flights (or any tracker), and are connected to
+//! every light at each real collision. Each pixel's mean and standard error are those of its rays.
+
+mod connect;
+mod primary;
+mod walk;
+
+use super::shoot::Medium;
+use super::track::{self, Analytic, March, Woodcock};
+use super::{illuminations, light_grids, pixel_error};
+use crate::backend::Control;
+use crate::error::{Error, Result};
+use crate::plan::{Plan, Tracker};
+use crate::result::{Outcome, Pixels, Stopped};
+use crate::scene::Light;
+use crate::scene::field::{Field, Occupancy};
+use connect::Connections;
+use rayon::prelude::*;
+use std::ops::Range;
+use walk::OneByOne;
+
+/// View rays of a job, about: many enough to fill lanes, few enough for all threads to end together.
+const JOB: usize = 1024;
+/// Rays per pixel after which an error is first looked at.
+const ROUND: u64 = 8;
+
+/// View rays that one thread takes: all of a range of numbers in each of a range of pixels.
+pub struct Job<'a> {
+    /// The plan.
+    pub plan: &'a Plan<'a>,
+    /// The density.
+    pub field: &'a Field<'a>,
+    /// Column density beyond which nothing is seen.
+    pub enough: f32,
+    /// Where near lights are seen, in pixels.
+    pub images: &'a [[f64; 2]],
+    /// Paths per ray.
+    pub starts: u64,
+    pixels: Range<usize>,
+    rays: Range<u64>,
+}
+
+impl Job<'_> {
+    /// The pixel of view ray `at`, and its number among all view rays of all runs of the seed.
+    pub fn sample(&self, at: usize) -> (usize, u64) {
+        let [width, height] = self.plan.scene.camera.resolution;
+        let rays = (self.rays.end - self.rays.start) as usize;
+        let pixel = self.pixels.start + at / rays;
+        let ray = self.rays.start + (at % rays) as u64;
+        (pixel, ray * (width * height) as u64 + pixel as u64)
+    }
+}
+
+/// The radiance that a view ray sees, by channel.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<const C: usize> {
+    /// Scattered once.
+    pub one: [f32; C],
+    /// Scattered more often.
+    pub more: [f32; C],
+}
+
+impl<const C: usize> Seen<C> {
+    /// Adds light of a scattering order.
+    #[inline(always)]
+    pub fn add(&mut self, order: u32, light: [f32; C]) {
+        let sum = if order == 1 { &mut self.one } else { &mut self.more };
+        for c in 0..C {
+            sum[c] += light[c];
+        }
+    }
+}
+
+/// How the paths of a job are walked: one by one, or in lanes.
+pub trait Tracer<const C: usize>: Sync {
+    /// Walks all paths of a job, adding to what each of its view rays sees.
+    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync));
+}
+
+/// Sums over the view rays of a pixel.
+#[derive(Debug, Clone, Copy)]
+struct Sums<const C: usize> {
+    one: [f64; C],
+    all: [f64; C],
+    square: [f64; C],
+}
+
+/// Runs a plan for paths.
+pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
+    let occupancy = Occupancy::new(&plan.scene.medium.volume);
+    let occupancy = occupancy.as_ref();
+    let columns = light_grids(plan, occupancy, control);
+    let views = illuminations(plan.scene, occupancy, plan.lights.iter().map(|l| l.column), &columns);
+    let field = Field::density(&plan.scene.medium.volume).skipping(occupancy);
+    let connections = Connections::new(plan, field, &views);
+    if control.stopped() {
+        return Err(Error::Interrupted);
+    }
+    let light_seconds = control.seconds();
+    let mut outcome = match (plan.channels, plan.chromatic) {
+        (1, _) => grey::<1>(plan, &connections, &field, control)?,
+        (_, false) => grey::<3>(plan, &connections, &field, control)?,
+        (_, true) => chromatic(plan, &connections, &field, control)?,
+    };
+    outcome.seconds = [light_seconds, control.seconds() - light_seconds, 0.0];
+    Ok(outcome)
+}
+
+fn grey<const C: usize>(plan: &Plan, connections: &Connections, field: &Field, control: &Control) -> Result<Outcome>
+where
+    for<'a> Woodcock<'a, false>: track::Tracker<C>,
+{
+    match (plan.tracker, &plan.majorant) {
+        (Tracker::Woodcock, Some(grid)) => {
+            one_by_one::<_, C>(Woodcock::<false>::new(plan, grid), plan, connections, field, control)
+        }
+        (Tracker::Analytic, _) => {
+            let sigma_t = plan.scene.medium.max_sigma_t() as f32;
+            let tracker = Analytic { n: field.n(), sigma_t, score: plan.score, scores: false };
+            one_by_one::<_, C>(tracker, plan, connections, field, control)
+        }
+        _ => one_by_one::<_, C>(march::<false>(plan), plan, connections, field, control),
+    }
+}
+
+fn chromatic(plan: &Plan, connections: &Connections, field: &Field, control: &Control) -> Result<Outcome> {
+    match &plan.majorant {
+        Some(grid) => one_by_one::<_, 3>(Woodcock::<true>::new(plan, grid), plan, connections, field, control),
+        None => one_by_one::<_, 3>(march::<true>(plan), plan, connections, field, control),
+    }
+}
+
+fn march<'a, const CHROMATIC: bool>(plan: &Plan<'a>) -> March<'a, CHROMATIC> {
+    let medium = &plan.scene.medium;
+    let extinction = medium.extinction.rgb.map(|e| e as f32);
+    March { field: Field::density(&medium.volume), extinction, scores: false }
+}
+
+fn one_by_one<T: track::Tracker<C>, const C: usize>(
+    tracker: T,
+    plan: &Plan,
+    connections: &Connections,
+    field: &Field,
+    control: &Control,
+) -> Result<Outcome> {
+    let tracer = OneByOne { tracker, connections, medium: Medium::new(plan) };
+    passes::<C>(plan, &tracer, connections, field, control)
+}
+
+/// Takes pass after pass until the plan, the target, the clock or the user says stop.
+fn passes<const C: usize>(
+    plan: &Plan,
+    tracer: &impl Tracer<C>,
+    connections: &Connections,
+    field: &Field,
+    control: &Control,
+) -> Result<Outcome> {
+    let Some(paths) = &plan.paths else { return Err(Error::Internal("the plan has no paths".into())) };
+    let [width, height] = plan.scene.camera.resolution;
+    let mut sums = vec![Sums::<C> { one: [0.0; C], all: [0.0; C], square: [0.0; C] }; width * height];
+    let images: Vec<[f64; 2]> = plan
+        .scene
+        .lights
+        .iter()
+        .filter_map(|light| match light {
+            Light::Point { position, .. } if !connections.near.is_empty() => plan.scene.camera.project(*position),
+            _ => None,
+        })
+        .collect();
+    let least = connections.extinction.iter().copied().fold(f32::INFINITY, f32::min);
+    let job = |pixels: Range<usize>, rays: Range<u64>| Job {
+        plan,
+        field,
+        enough: 40.0 / least,
+        images: &images,
+        starts: paths.starts,
+        pixels,
+        rays,
+    };
+    let dark = plan.orders == 0 || plan.scene.medium.max_albedo() == 0.0 || plan.scene.medium.max_sigma_t() == 0.0;
+    let mut stopped = Stopped::Photons;
+    let mut done = 0u64;
+    let mut goal = paths.rays.unwrap_or(if plan.target_error.is_some() { ROUND } else { u64::MAX });
+    if dark {
+        (done, goal) = (1, 0);
+    }
+    'run: loop {
+        while done < goal {
+            let rays = done..(done + paths.pass).min(goal);
+            let count = (rays.end - rays.start) as usize;
+            // Two rays make an error bar: until then the clock does not cut a pass short.
+            let urgent = done >= 2;
+            let halted = || control.stopped() || (urgent && control.late());
+            let tile = (JOB / count).max(1);
+            let before = if urgent { sums.clone() } else { Vec::new() };
+            sums.par_chunks_mut(tile).enumerate().for_each_init(Vec::new, |seen, (at, sums)| {
+                if halted() {
+                    return;
+                }
+                let first = at * tile;
+                let dark = Seen { one: [0.0; C], more: [0.0; C] };
+                seen.clear();
+                seen.resize(sums.len() * count, dark);
+                tracer.trace(&job(first..first + sums.len(), rays.clone()), seen, &halted);
+                for (sum, rays) in sums.iter_mut().zip(seen.chunks(count)) {
+                    for ray in rays {
+                        for c in 0..C {
+                            let (one, all) = (f64::from(ray.one[c]), f64::from(ray.one[c]) + f64::from(ray.more[c]));
+                            sum.one[c] += one;
+                            sum.all[c] += all;
+                            sum.square[c] += all * all;
+                        }
+                    }
+                }
+            });
+            if control.stopped() {
+                return Err(Error::Interrupted);
+            }
+            if halted() {
+                sums = before;
+                stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
+                break 'run;
+            }
+            done = rays.end;
+            let scale = if paths.rays.is_none() && goal == ROUND { 0.1 } else { 1.0 };
+            let part = if goal == u64::MAX { 0.0 } else { scale * done as f64 / goal as f64 };
+            control.report(part.max(control.time_fraction()), done * paths.starts * (width * height) as u64);
+            if done >= 2 && control.late() && done < goal {
+                stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
+                break 'run;
+            }
+        }
+        let Some(target) = plan.target_error.filter(|_| paths.rays.is_none() && !dark) else { break };
+        let pixels = estimate(&sums, done);
+        let values: Vec<f32> = pixels.order1.iter().zip(&pixels.order2).map(|(a, b)| a + b).collect();
+        let (noise, _) = pixel_error::relative(&values, &pixels.error, None, C);
+        if noise <= target {
+            stopped = Stopped::TargetError;
+            break;
+        }
+        // Noise falls as the root of the rays; no more than eightfold at once, for it is itself an estimate.
+        let factor = (noise * noise / (target * target) * 1.05).clamp(1.1, 8.0);
+        goal = (done as f64 * factor).ceil() as u64;
+    }
+    let taken = if dark { 0 } else { done * paths.starts * (width * height) as u64 };
+    Ok(Outcome { pixels: Some(estimate(&sums, done)), photons: taken, batches: done, stopped, ..Outcome::default() })
+}
+
+/// Means and standard errors over `n` rays per pixel.
+fn estimate<const C: usize>(sums: &[Sums<C>], n: u64) -> Pixels {
+    let n = n as f64;
+    let mut pixels = Pixels::default();
+    for sum in sums {
+        for c in 0..C {
+            let (one, all) = (sum.one[c] / n, sum.all[c] / n);
+            let variance = (sum.square[c] / n - all * all).max(0.0) / (n - 1.0);
+            pixels.order1.push(one as f32);
+            pixels.order2.push((all - one) as f32);
+            pixels.error.push(if n > 1.0 {
+                variance.sqrt() as f32
+            } else if all > 0.0 {
+                f32::INFINITY
+            } else {
+                0.0
+            });
+        }
+    }
+    pixels
+}

@@ -1,0 +1,141 @@
+//! Paths walked one by one: the truth that lanes are compared with, and what all trackers, chromatic extinction and
+//! emission have.
+
+use super::connect::Connections;
+use super::primary::{First, Profile, Start};
+use super::{Job, Seen, Tracer};
+use crate::backend::cpu::shoot::{Medium, ROULETTE, SURVIVAL};
+use crate::backend::cpu::track::{Flight, Scorer, Tracker, Weights};
+use crate::physics::frame::rotate;
+use crate::physics::rng::{Draws, split, uniform};
+use crate::scene::field::V3;
+
+/// The purpose of the random numbers of paths.
+pub const PATH: u32 = 9;
+/// Collisions between looks at the clock and the stop flag within one path.
+const PATIENCE: u32 = 1 << 14;
+
+/// Flights of paths leave nothing behind.
+struct Silent;
+
+impl<const C: usize> Scorer<C> for Silent {
+    #[inline(always)]
+    fn score(&mut self, _: usize, _: V3, _: [f32; C], _: f32) {}
+}
+
+/// Paths walked one after the other by a tracker.
+pub struct OneByOne<'a, T, const C: usize> {
+    /// Samples flights.
+    pub tracker: T,
+    /// The lights.
+    pub connections: &'a Connections<'a>,
+    /// The medium at collisions.
+    pub medium: Medium<'a>,
+}
+
+impl<const C: usize, T: Tracker<C>> Tracer<C> for OneByOne<'_, T, C> {
+    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync)) {
+        let mut profile = Profile::default();
+        for (at, sum) in seen.iter_mut().enumerate() {
+            if halted() {
+                return;
+            }
+            let Some(mut first) = First::new(job, self.connections, &mut profile, at) else { continue };
+            let mut from = 0;
+            for k in 0..job.starts {
+                let start = first.start::<C>(k, &mut from);
+                self.near_lights(&first, &start, sum);
+                let index = job.sample(at).1 * job.starts + k;
+                let draws = Draws::new(split(job.plan.settings.seed), index, PATH);
+                self.path(job, start, first.ray.direction, draws, sum, halted);
+            }
+        }
+    }
+}
+
+impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
+    /// Adds the order 1 of near lights on a view ray: at a first collision, and at a point drawn for the light.
+    fn near_lights(&self, first: &First, start: &Start<C>, sum: &mut Seen<C>) {
+        let connections = self.connections;
+        let share = start.share;
+        for light in &connections.near {
+            let spots = [Some(start.spot), connections.spot(light, &first.ray, start.xi)];
+            for spot in spots.into_iter().flatten() {
+                let albedo: [f32; C] = self.medium.albedo(spot.p, start.word);
+                let scattered = connections.on_view(light, &first.ray, spot, &first.met);
+                for c in 0..C {
+                    sum.one[c] += share * albedo[c] * scattered[c];
+                }
+            }
+        }
+    }
+
+    /// Walks one path from its first collision to its end.
+    fn path(
+        &self,
+        job: &Job,
+        start: Start<C>,
+        direction: V3,
+        mut draws: Draws,
+        sum: &mut Seen<C>,
+        halted: &impl Fn() -> bool,
+    ) {
+        let plan = job.plan;
+        let phase = &plan.scene.medium.phase;
+        let (last, connections) = (plan.orders, self.connections);
+        let mut w: Weights<C> = start.weights;
+        let (mut p, mut direction) = (start.spot.p, direction);
+        let mut order = 0u32;
+        loop {
+            let words = draws.next4();
+            let albedo: [f32; C] = self.medium.albedo(p, words[2]);
+            for c in 0..C {
+                w.value[c] *= albedo[c];
+            }
+            let after = w.get();
+            let top = after.iter().fold(0.0, |m: f32, &x| m.max(x)) / start.share;
+            if top <= 0.0 || order >= last {
+                return;
+            }
+            order += 1;
+            if !connections.far.is_empty() {
+                let scattered = connections.scattered(p, direction, &mut draws);
+                sum.add(order, std::array::from_fn(|c| after[c] * scattered[c]));
+            }
+            if last == u32::MAX && top < ROULETTE {
+                if uniform(words[3]) > SURVIVAL {
+                    return;
+                }
+                w.value = w.value.map(|x| x * (1.0 / SURVIVAL));
+            }
+            if order < last {
+                let weight = w.get();
+                for light in &connections.near {
+                    let further = |y: V3, word: u32| {
+                        let albedo: [f32; C] = self.medium.albedo(y, word);
+                        std::array::from_fn(|c| albedo[c.min(C - 1)])
+                    };
+                    let scattered = connections.once_more(light, p, direction, &mut draws, further);
+                    sum.add(order + 1, std::array::from_fn(|c| weight[c] * scattered[c]));
+                }
+            }
+            if order == last && !connections.has_background() {
+                return;
+            }
+            let (cos_theta, sin_theta) = phase.sample(uniform(words[0]));
+            direction = rotate(direction, cos_theta, sin_theta, uniform(words[1]));
+            let v = std::array::from_fn(|a| direction[a] * self.medium.inverse_h[a]);
+            match self.tracker.fly(p, v, &mut w, &mut draws, &mut Silent) {
+                Flight::Exit(_) => {
+                    let weight = w.get();
+                    sum.add(order, std::array::from_fn(|c| weight[c] * connections.background[c]));
+                    return;
+                }
+                Flight::Collision(at) => p = at,
+            }
+            if order.is_multiple_of(PATIENCE) && halted() {
+                return;
+            }
+        }
+    }
+}
