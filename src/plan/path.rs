@@ -1,6 +1,6 @@
 //! How paths from the camera run: how many, from where, and how their vertices are connected to each light.
 
-use super::probe::interpolation_error;
+use super::probe::{self, interpolation_error};
 use super::{Column, Direct, Emission, Explain, LightPlan, Settings};
 use crate::error::{Result, scene_error};
 use crate::scene::{Light, Scene};
@@ -8,8 +8,10 @@ use crate::scene::{Light, Scene};
 /// Paths from the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathPlan {
-    /// First collisions, and so paths, per view ray.
+    /// Paths per view ray.
     pub starts: u64,
+    /// Whether they begin at collisions drawn from a walk along the ray, or fly on from where it enters the box.
+    pub walked: bool,
     /// View rays per pixel, if their number is given.
     pub rays: Option<u64>,
     /// View rays per pixel that are taken between two looks at the clock.
@@ -38,6 +40,9 @@ const STARTS: u64 = 4;
 const LEAST_RAYS: u64 = 2;
 /// Paths between two looks at the clock.
 const PASS: u64 = 1 << 19;
+/// Beyond this mean opacity hardly a path misses that sets out without knowing what its ray meets, and it is cheaper to let
+/// it fly than to walk along the ray first.
+const OPAQUE: f64 = 0.6;
 /// A light nearer to the box than this part of its shortest side is close to the medium.
 const NEAR: f64 = 0.25;
 /// The chance of a correcting ray lies between these.
@@ -63,7 +68,19 @@ pub(super) fn plan(scene: &Scene, settings: &Settings, connections: Vec<Connecti
             (None, None) => "until the error is reached".into(),
         },
     );
-    PathPlan { starts, rays, pass, connections }
+    let opacity = probe::opacity(scene);
+    let near = connections.contains(&Connection::Near);
+    let walked = near || opacity < OPAQUE;
+    why.push(
+        "first collisions",
+        if walked { "drawn from a walk along each view ray" } else { "flown to" }.into(),
+        if near && opacity >= OPAQUE {
+            "a light stands in the medium or next to it".into()
+        } else {
+            format!("view rays that meet anything see an opacity of {opacity:.2}")
+        },
+    );
+    PathPlan { starts, walked, rays, pass, connections }
 }
 
 /// How a light is connected to.

@@ -1,4 +1,5 @@
-//! What interpolating the light grid would cost in accuracy, measured on the scene before anything is decided.
+//! What view rays meet, measured on the scene before anything is decided: how opaque it is, and what interpolating the light
+//! grid would cost in accuracy.
 
 use crate::physics::flight::box_range;
 use crate::scene::field::{Field, Occupancy, V3};
@@ -47,30 +48,14 @@ pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
         });
         sum.max(0.0)
     };
-    let [width, height] = scene.camera.resolution.map(|r| r as f64);
-    let (mut error, mut square, mut rays) = (0.0, 0.0, 0);
-    for i in 0..TRIES {
-        let (origin, d) = scene.camera.ray(radical_inverse(i + 1, 2) * width, radical_inverse(i + 1, 3) * height);
-        let local = volume.local(origin);
-        let p: [f64; 3] = std::array::from_fn(|a| local[a] / h[a]);
-        let v: [f64; 3] = std::array::from_fn(|a| d[a] / h[a]);
-        let Some((t0, t1)) = box_range(p, v, n.map(|m| m as f64)) else { continue };
-        let (t0, length) = (t0.max(0.0), t1 - t0.max(0.0));
-        if length <= 0.0 {
-            continue;
-        }
-        let start: V3 = std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, n[a] as f64) as f32);
-        let velocity = v.map(|c| c as f32);
-        let whole = f64::from(field.column(start, velocity, length as f32));
+    let (mut error, mut square) = (0.0, 0.0);
+    for (start, velocity, length, whole) in seeing(scene, &field).take(RAYS) {
         let seen = 1.0 - transmittance(whole);
-        if seen <= 0.0 {
-            continue;
-        }
         let (mut difference, mut sum) = (0.0, 0.0);
         for k in 0..POINTS {
             // The column after which the part (k + 1/2) / POINTS of what is seen lies behind.
             let target = -(1.0 - seen * (k as f64 + 0.5) / POINTS as f64).ln() / extinction;
-            let at = depth_at(&field, start, velocity, length as f32, target as f32);
+            let at = depth_at(&field, start, velocity, length, target as f32);
             let p: V3 = std::array::from_fn(|a| (start[a] + velocity[a] * at).clamp(0.0, n[a] as f32));
             let exact = transmittance(column(p));
             difference += seen * (transmittance(interpolated(p)) - exact);
@@ -78,12 +63,37 @@ pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
         }
         error += difference * difference;
         square += sum * sum;
-        rays += 1;
-        if rays == RAYS {
-            break;
-        }
     }
     if square > 0.0 { (error / square).sqrt() } else { 0.0 }
+}
+
+/// The mean opacity along view rays that meet anything, the least channel's; 0 if none does.
+pub fn opacity(scene: &Scene) -> f64 {
+    let occupancy = Occupancy::new(&scene.medium.volume);
+    let field = Field::density(&scene.medium.volume).skipping(occupancy.as_ref());
+    let extinction = scene.medium.extinction.rgb.into_iter().fold(f64::INFINITY, f64::min);
+    let seen: Vec<f64> =
+        seeing(scene, &field).take(RAYS).map(|(.., column)| -(-extinction * column).exp_m1()).collect();
+    if seen.is_empty() { 0.0 } else { seen.iter().sum::<f64>() / seen.len() as f64 }
+}
+
+/// View rays spread over the image, of those that meet any density: entry, velocity, length, and column density.
+fn seeing<'a>(scene: &'a Scene, field: &'a Field) -> impl Iterator<Item = (V3, V3, f32, f64)> + 'a {
+    let volume = &scene.medium.volume;
+    let (n, h) = (volume.n().map(|m| m as f64), volume.spacing());
+    let [width, height] = scene.camera.resolution.map(|r| r as f64);
+    (0..TRIES).filter_map(move |i| {
+        let (origin, d) = scene.camera.ray(radical_inverse(i + 1, 2) * width, radical_inverse(i + 1, 3) * height);
+        let local = volume.local(origin);
+        let p: [f64; 3] = std::array::from_fn(|a| local[a] / h[a]);
+        let v: [f64; 3] = std::array::from_fn(|a| d[a] / h[a]);
+        let (t0, t1) = box_range(p, v, n)?;
+        let (t0, length) = (t0.max(0.0), (t1 - t0.max(0.0)) as f32);
+        let start: V3 = std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, n[a]) as f32);
+        let velocity = v.map(|c| c as f32);
+        let column = if length > 0.0 { f64::from(field.column(start, velocity, length)) } else { 0.0 };
+        (column > 0.0).then_some((start, velocity, length, column))
+    })
 }
 
 /// The parameter at which the column density along a line reaches `target`, linear within a cell.

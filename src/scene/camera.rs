@@ -113,6 +113,22 @@ impl Camera {
         }
     }
 
+    /// The columns and rows of pixels outside of which nothing of a box is seen: (first, last + 1) of each.
+    pub fn window(&self, low: [f64; 3], size: [f64; 3]) -> [(usize, usize); 2] {
+        let corners = (0..8).map(|i| self.project(std::array::from_fn(|a| low[a] + size[a] * f64::from(i >> a & 1))));
+        let Some(corners) = corners.collect::<Option<Vec<_>>>() else {
+            // Something is behind the eye.
+            return self.resolution.map(|m| (0, m));
+        };
+        std::array::from_fn(|axis| {
+            let ends = corners
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c[axis]), high.max(c[axis])));
+            let first = (ends.0 - 1e-6).floor().clamp(0.0, self.resolution[axis] as f64) as usize;
+            (first, (ends.1 + 1e-6).ceil().clamp(0.0, self.resolution[axis] as f64) as usize)
+        })
+    }
+
     /// Where a point is seen, in pixels from the upper left corner; `None` behind the eye.
     pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
         let r: [f64; 3] = std::array::from_fn(|a| point[a] - self.origin[a]);

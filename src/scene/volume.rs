@@ -118,6 +118,11 @@ impl<'a> Volume<'a> {
         self.min == self.max
     }
 
+    /// The world's coordinates of a point given relative to the box's lower corner.
+    pub fn world(&self, local: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| local[a] + self.origin[a])
+    }
+
     /// A world point relative to the lower corner.
     pub fn local(&self, world: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| world[a] - self.origin[a])

@@ -3,6 +3,7 @@
 pub mod angular;
 pub mod emit;
 mod even;
+pub mod flights;
 pub mod gather;
 pub mod lanes;
 pub mod light;

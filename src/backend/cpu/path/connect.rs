@@ -128,14 +128,13 @@ impl<'a> Connections<'a> {
         light: &Illumination,
         p: V3,
         travel: V3,
-        draws: &mut Draws,
+        words: [u32; 4],
         scatter: impl FnOnce(V3, u32) -> [f32; 3],
     ) -> [f32; 3] {
         let Source::Point(position) = light.source else { return [0.0; 3] };
         let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * self.h[a]);
         let way = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2]).sqrt().max(1e-20);
         let axis = to.map(|c| c / way);
-        let words = draws.next4();
         let direction = if words[3] & 1 == 0 {
             let (sin_theta, cos_theta) = (0.5 * uniform(words[0])).sin_cos_turn();
             rotate(axis, cos_theta, sin_theta, uniform(words[1]))

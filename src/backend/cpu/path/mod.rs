@@ -5,6 +5,7 @@
 //! every light at each real collision. Each pixel's mean and standard error are those of its rays.
 
 mod connect;
+mod lanes;
 mod primary;
 mod walk;
 
@@ -18,6 +19,7 @@ use crate::result::{Outcome, Pixels, Stopped};
 use crate::scene::Light;
 use crate::scene::field::{Field, Occupancy};
 use connect::Connections;
+use lanes::Laned;
 use rayon::prelude::*;
 use std::ops::Range;
 use walk::OneByOne;
@@ -35,10 +37,14 @@ pub struct Job<'a> {
     pub field: &'a Field<'a>,
     /// Column density beyond which nothing is seen.
     pub enough: f32,
+    /// Columns and rows of pixels that may see the medium.
+    pub window: [(usize, usize); 2],
     /// Where near lights are seen, in pixels.
     pub images: &'a [[f64; 2]],
     /// Paths per ray.
     pub starts: u64,
+    /// Whether they begin at collisions drawn from a walk along the ray, or where it enters.
+    pub walked: bool,
     pixels: Range<usize>,
     rays: Range<u64>,
 }
@@ -57,6 +63,8 @@ impl Job<'_> {
 /// The radiance that a view ray sees, by channel.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen<const C: usize> {
+    /// What all of it is to be multiplied by.
+    pub share: f32,
     /// Scattered once.
     pub one: [f32; C],
     /// Scattered more often.
@@ -113,6 +121,9 @@ fn grey<const C: usize>(plan: &Plan, connections: &Connections, field: &Field, c
 where
     for<'a> Woodcock<'a, false>: track::Tracker<C>,
 {
+    if plan.lanes {
+        return passes::<C>(plan, &Laned::<C>::new(plan, connections), connections, field, control);
+    }
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {
             one_by_one::<_, C>(Woodcock::<false>::new(plan, grid), plan, connections, field, control)
@@ -170,13 +181,17 @@ fn passes<const C: usize>(
             _ => None,
         })
         .collect();
+    let volume = &plan.scene.medium.volume;
+    let window = plan.scene.camera.window(volume.world([0.0; 3]), volume.size());
     let least = connections.extinction.iter().copied().fold(f32::INFINITY, f32::min);
     let job = |pixels: Range<usize>, rays: Range<u64>| Job {
         plan,
         field,
         enough: 40.0 / least,
+        window,
         images: &images,
         starts: paths.starts,
+        walked: paths.walked,
         pixels,
         rays,
     };
@@ -201,14 +216,15 @@ fn passes<const C: usize>(
                     return;
                 }
                 let first = at * tile;
-                let dark = Seen { one: [0.0; C], more: [0.0; C] };
+                let dark = Seen { share: 0.0, one: [0.0; C], more: [0.0; C] };
                 seen.clear();
                 seen.resize(sums.len() * count, dark);
                 tracer.trace(&job(first..first + sums.len(), rays.clone()), seen, &halted);
                 for (sum, rays) in sums.iter_mut().zip(seen.chunks(count)) {
                     for ray in rays {
                         for c in 0..C {
-                            let (one, all) = (f64::from(ray.one[c]), f64::from(ray.one[c]) + f64::from(ray.more[c]));
+                            let [one, more] = [ray.one[c], ray.more[c]].map(|x| f64::from(x) * f64::from(ray.share));
+                            let all = one + more;
                             sum.one[c] += one;
                             sum.all[c] += all;
                             sum.square[c] += all * all;

@@ -1,7 +1,8 @@
 //! View rays, and the first collisions on them: drawn evenly over what a ray meets, from one walk along it.
 
-use super::Job;
 use super::connect::{Connections, Met, Spot};
+use super::{Job, Seen};
+use crate::backend::cpu::shoot::Medium;
 use crate::backend::cpu::track::Weights;
 use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, split, uniform, uniform64};
@@ -101,10 +102,12 @@ impl Profile {
 pub struct First<'j> {
     /// The ray.
     pub ray: ViewRay,
-    /// Its share of the pixel, over that of a ray drawn evenly.
-    pub weight: f32,
+    /// What a weight of 1 on one of its paths stands for.
+    pub share: f32,
     /// What it meets.
     pub met: Met,
+    /// The largest channel's opacity.
+    top: f32,
     profile: &'j Profile,
     field: &'j Field<'j>,
     draws: Draws,
@@ -116,10 +119,8 @@ pub struct First<'j> {
 pub struct Start<const C: usize> {
     /// Where on the ray.
     pub spot: Spot,
-    /// Its share of the pixel's light, before it scatters.
+    /// Its weights, before it scatters.
     pub weights: Weights<C>,
-    /// What a weight of 1 stands for.
-    pub share: f32,
     /// A uniform number for a second point of the ray.
     pub xi: f32,
     /// A random word.
@@ -131,12 +132,21 @@ impl<'j> First<'j> {
     pub fn new(job: &'j Job, connections: &Connections, profile: &'j mut Profile, at: usize) -> Option<Self> {
         let plan = job.plan;
         let (pixel, sample) = job.sample(at);
-        let mut draws = Draws::new(split(plan.settings.seed), sample, VIEW);
         let camera = &plan.scene.camera;
         let [width, _] = camera.resolution;
+        let inside = |axis: usize, x: usize| job.window[axis].0 <= x && x < job.window[axis].1;
+        if !inside(0, pixel % width) || !inside(1, pixel / width) {
+            return None;
+        }
         let corner = [(pixel % width) as f64, (pixel / width) as f64];
+        let mut draws = Draws::new(split(plan.settings.seed), sample, VIEW);
         let (place, weight) = place_in_pixel(job, corner, draws.next4());
         let ray = ViewRay::new(plan.scene, camera, corner[0] + place[0], corner[1] + place[1])?;
+        if !job.walked {
+            let met = Met { channels: 1, extinction: [0.0; 3], opacity: [1.0; 3] };
+            let share = weight / job.starts as f32;
+            return Some(First { ray, share, top: 1.0, met, profile, field: job.field, draws, starts: job.starts });
+        }
         let column = profile.walk(job.field, &ray, job.enough);
         if column <= 0.0 || weight == 0.0 {
             return None;
@@ -144,7 +154,9 @@ impl<'j> First<'j> {
         let opacity = connections.extinction.map(|e| -(-e * column).exp_m1());
         let channels = if plan.chromatic { 3 } else { 1 };
         let met = Met { channels, extinction: connections.extinction, opacity };
-        Some(First { ray, weight, met, profile, field: job.field, draws, starts: plan.paths.as_ref()?.starts })
+        let top = opacity.iter().fold(0.0, |m: f32, &o| m.max(o));
+        let share = weight * top / job.starts as f32;
+        Some(First { ray, share, top, met, profile, field: job.field, draws, starts: job.starts })
     }
 
     /// Start number `k`, at the columns' k-th stratum; `from` is where the search for the one before ended.
@@ -163,15 +175,33 @@ impl<'j> First<'j> {
         let n = self.field.n();
         let at = along(self.ray.p, self.ray.v, t);
         let p = std::array::from_fn(|a| at[a].clamp(0.0, n[a] as f32 * (1.0 - 6e-8)));
-        let share = self.weight / self.starts as f32;
-        let mut weights = Weights::new([share; C], words[1]);
+        let mut weights = Weights::new([1.0; C], 0);
         weights.hero = hero;
         if self.met.channels > 1 {
             weights.observe(std::array::from_fn(|c| self.met.chance(c, column)));
         }
-        weights.value = std::array::from_fn(|c| share * self.met.opacity[if self.met.channels > 1 { c } else { 0 }]);
+        weights.value = std::array::from_fn(|c| self.met.opacity[c] / self.top);
         let xi = (k as f32 + uniform(words[2])) / self.starts as f32;
-        Start { spot: Spot { p, t, column }, weights, share, xi, word: words[3] }
+        Start { spot: Spot { p, t, column }, weights, xi, word: words[3] }
+    }
+
+    /// Adds what near lights send to the eye by being scattered once on this ray: at a first collision, and at a point drawn
+    /// for each light.
+    pub fn near_lights<const C: usize>(
+        &self,
+        connections: &Connections,
+        medium: &Medium,
+        start: &Start<C>,
+        seen: &mut Seen<C>,
+    ) {
+        for light in &connections.near {
+            let spots = [Some(start.spot), connections.spot(light, &self.ray, start.xi)];
+            for spot in spots.into_iter().flatten() {
+                let albedo: [f32; C] = medium.albedo(spot.p, start.word);
+                let scattered = connections.on_view(light, &self.ray, spot, &self.met);
+                seen.add(1, std::array::from_fn(|c| albedo[c] * scattered[c] / self.top));
+            }
+        }
     }
 }
 

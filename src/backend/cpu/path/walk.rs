@@ -2,7 +2,7 @@
 //! emission have.
 
 use super::connect::Connections;
-use super::primary::{First, Profile, Start};
+use super::primary::{First, Profile};
 use super::{Job, Seen, Tracer};
 use crate::backend::cpu::shoot::{Medium, ROULETTE, SURVIVAL};
 use crate::backend::cpu::track::{Flight, Scorer, Tracker, Weights};
@@ -41,41 +41,35 @@ impl<const C: usize, T: Tracker<C>> Tracer<C> for OneByOne<'_, T, C> {
                 return;
             }
             let Some(mut first) = First::new(job, self.connections, &mut profile, at) else { continue };
+            sum.share = first.share;
             let mut from = 0;
             for k in 0..job.starts {
-                let start = first.start::<C>(k, &mut from);
-                self.near_lights(&first, &start, sum);
                 let index = job.sample(at).1 * job.starts + k;
-                let draws = Draws::new(split(job.plan.settings.seed), index, PATH);
-                self.path(job, start, first.ray.direction, draws, sum, halted);
+                let mut draws = Draws::new(split(job.plan.settings.seed), index, PATH);
+                let (p, w) = if job.walked {
+                    let start = first.start::<C>(k, &mut from);
+                    first.near_lights(self.connections, &self.medium, &start, sum);
+                    (start.spot.p, start.weights)
+                } else {
+                    let mut w = Weights::new([1.0; C], if job.plan.chromatic { draws.next4()[0] } else { 0 });
+                    match self.tracker.fly(first.ray.p, first.ray.v, &mut w, &mut draws, &mut Silent) {
+                        Flight::Exit(_) => continue,
+                        Flight::Collision(p) => (p, w),
+                    }
+                };
+                self.path(job, (p, first.ray.direction), w, draws, sum, halted);
             }
         }
     }
 }
 
 impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
-    /// Adds the order 1 of near lights on a view ray: at a first collision, and at a point drawn for the light.
-    fn near_lights(&self, first: &First, start: &Start<C>, sum: &mut Seen<C>) {
-        let connections = self.connections;
-        let share = start.share;
-        for light in &connections.near {
-            let spots = [Some(start.spot), connections.spot(light, &first.ray, start.xi)];
-            for spot in spots.into_iter().flatten() {
-                let albedo: [f32; C] = self.medium.albedo(spot.p, start.word);
-                let scattered = connections.on_view(light, &first.ray, spot, &first.met);
-                for c in 0..C {
-                    sum.one[c] += share * albedo[c] * scattered[c];
-                }
-            }
-        }
-    }
-
     /// Walks one path from its first collision to its end.
     fn path(
         &self,
         job: &Job,
-        start: Start<C>,
-        direction: V3,
+        (mut p, mut direction): (V3, V3),
+        mut w: Weights<C>,
         mut draws: Draws,
         sum: &mut Seen<C>,
         halted: &impl Fn() -> bool,
@@ -83,8 +77,6 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
         let plan = job.plan;
         let phase = &plan.scene.medium.phase;
         let (last, connections) = (plan.orders, self.connections);
-        let mut w: Weights<C> = start.weights;
-        let (mut p, mut direction) = (start.spot.p, direction);
         let mut order = 0u32;
         loop {
             let words = draws.next4();
@@ -93,7 +85,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
                 w.value[c] *= albedo[c];
             }
             let after = w.get();
-            let top = after.iter().fold(0.0, |m: f32, &x| m.max(x)) / start.share;
+            let top = after.iter().fold(0.0, |m: f32, &x| m.max(x));
             if top <= 0.0 || order >= last {
                 return;
             }
@@ -115,7 +107,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
                         let albedo: [f32; C] = self.medium.albedo(y, word);
                         std::array::from_fn(|c| albedo[c.min(C - 1)])
                     };
-                    let scattered = connections.once_more(light, p, direction, &mut draws, further);
+                    let scattered = connections.once_more(light, p, direction, draws.next4(), further);
                     sum.add(order + 1, std::array::from_fn(|c| weight[c] * scattered[c]));
                 }
             }

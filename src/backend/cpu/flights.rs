@@ -1,0 +1,474 @@
+//! Flights in lanes: [`N`] photons or paths as a structure of arrays, taken together from one tentative collision to the
+//! next. Each phase of an event is a loop over the lanes without a branch, which becomes vector instructions; reads of the
+//! volume are loops of their own.
+//!
+//! Flights are null-collision flights (Woodcock) below one majorant or a grid of them. In homogeneous media the majorant is
+//! the extinction itself, and every collision is real.
+//!
+//! Four random words an event: the free flight; the jitter of the density's one read, and two bits for roulette; the
+//! acceptance, whose position within the accepted part is again uniform and gives the scattering angle; the azimuth, and
+//! ten bits that round deposits and extend the flight's word beyond 32 bits.
+
+use super::shoot::Medium;
+use crate::physics::frame::{rotate, sphere};
+use crate::physics::real::cell;
+use crate::physics::rng::{split, uniform, words};
+use crate::physics::{Phase, Real};
+use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Tracker};
+use crate::scene::field::{Field, jitter};
+use crate::scene::{Volume, block_maxima};
+
+/// Flights taken together.
+pub const N: usize = 32;
+/// Lanes that may wait between two cells while the others collide.
+const FLYING: u32 = N as u32 / 4;
+
+/// What flights leave at their tentative collisions, for which majorants must be high enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scored {
+    /// Nothing.
+    Nowhere,
+    /// A score in voxels that the gather reads.
+    ForImages,
+    /// A score in every voxel.
+    Everywhere,
+}
+
+/// What flights run through.
+pub struct Course<'a> {
+    /// The density.
+    pub field: Field<'a>,
+    /// Albedo and spacing.
+    pub medium: Medium<'a>,
+    /// The phase function.
+    pub phase: &'a Phase,
+    /// Whether every tentative collision is real.
+    pub certain: bool,
+    /// The majorants, where there are several.
+    pub cells: Option<Cells>,
+    /// Where nothing can collide, if that is looked up.
+    pub voids: Option<Voids>,
+    isotropic: bool,
+    /// 1 / majorant [length], where there is one majorant.
+    free_path: f32,
+    /// The largest extinction coefficient per density.
+    extinction: f32,
+    /// The key of all random numbers.
+    pub seed: [u32; 2],
+    /// What their numbers are for.
+    purpose: u32,
+}
+
+impl<'a> Course<'a> {
+    /// From a plan.
+    pub fn new(plan: &'a Plan<'a>, scored: Scored, purpose: u32) -> Self {
+        let medium = &plan.scene.medium;
+        let h = medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+        let sigma_t = medium.max_sigma_t();
+        let least = if scored == Scored::Everywhere { LEAST_SCORED_DEPTH / h } else { 0.0 };
+        let certain = plan.tracker == Tracker::Analytic && sigma_t >= least;
+        // Rounded up, so that no acceptance exceeds one.
+        let majorant = if certain { sigma_t } else { sigma_t.max(least) * (1.0 + 1e-6) };
+        let grid = plan.majorant.as_ref().filter(|grid| !grid.is_one());
+        // Cells have no collisions in voids anyway, and a homogeneous medium has no voids.
+        let voids = if grid.is_some() || medium.volume.is_constant() { None } else { Voids::new(&medium.volume) };
+        Course {
+            field: Field::density(&medium.volume),
+            medium: Medium::new(plan),
+            phase: &medium.phase,
+            isotropic: medium.phase.is_isotropic(),
+            certain,
+            free_path: (1.0 / majorant.max(1e-30)) as f32,
+            extinction: medium.extinction.max() as f32,
+            cells: grid.map(|grid| Cells::new(plan, grid, least, scored != Scored::Nowhere)),
+            voids,
+            seed: split(plan.settings.seed),
+            purpose,
+        }
+    }
+}
+
+/// A grid of majorants.
+pub struct Cells {
+    /// Voxels per cell and axis.
+    block: f32,
+    n: [i32; 3],
+    /// Extinction coefficients that are nowhere exceeded, x fastest.
+    majorant: Vec<f32>,
+}
+
+impl Cells {
+    /// The plan's grid, raised to `least`. For images alone it is raised where the medium is empty but near enough to some
+    /// density for the gather to interpolate the source there.
+    fn new(plan: &Plan, grid: &MajorantGrid, least: f64, images: bool) -> Self {
+        let medium = &plan.scene.medium;
+        let near = block_maxima(&medium.volume, grid.block, Voids::REACH);
+        let h = medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+        let majorant = grid.density.iter().zip(near).map(|(&density, near)| {
+            let [own, near] = [density, 0.25 * near].map(|d| f64::from(d) * medium.extinction.max());
+            (own.max(if images { near.min(LEAST_SCORED_DEPTH / h) } else { 0.0 }).max(least) * (1.0 + 1e-6)) as f32
+        });
+        Cells { block: grid.block as f32, n: grid.n.map(|m| m as i32), majorant: majorant.collect() }
+    }
+}
+
+/// Cells of the volume that hold no density, nor have any next to them that an interpolation reads.
+pub struct Voids {
+    /// Cells are cubes of 2^shift voxels.
+    shift: u32,
+    n: [u32; 2],
+    empty: Vec<bool>,
+}
+
+impl Voids {
+    /// Voxels around a cell that an image's interpolation of the source reads, and what the density's own does.
+    const REACH: usize = 2;
+    /// So many cells stay in the fastest cache.
+    const CELLS: usize = 1 << 15;
+
+    /// The voids of a volume, if it has any.
+    fn new(volume: &Volume) -> Option<Self> {
+        let cells = |shift: u32| volume.n().map(|m| m.div_ceil(1 << shift));
+        let shift = (2..16).find(|&shift| cells(shift).iter().product::<usize>() <= Voids::CELLS).unwrap_or(16);
+        let maxima = block_maxima(volume, 1 << shift, Voids::REACH);
+        let n = cells(shift);
+        let empty: Vec<bool> = maxima.iter().map(|&d| d == 0.0).collect();
+        empty.contains(&true).then_some(Voids { shift, n: [n[0] as u32, n[1] as u32], empty })
+    }
+}
+
+/// One value per lane.
+pub type Row<T> = [T; N];
+
+/// The flights that are under way.
+#[repr(C, align(64))]
+pub struct Flights {
+    /// Voxel coordinates.
+    pub p: [Row<f32>; 3],
+    /// Unit directions.
+    pub d: [Row<f32>; 3],
+    /// Whose random numbers they draw.
+    pub index: [Row<u32>; 2],
+    /// Blocks of random words used.
+    pub block: Row<u32>,
+    /// Random words of this event.
+    pub word: [Row<u32>; 4],
+    /// Uniform numbers for the scattering angle.
+    pub xi: Row<f32>,
+    /// What is left of the free flight, in optical depths of the majorant.
+    depth: Row<f32>,
+    /// Cell of the majorant grid, and its majorant.
+    at: [Row<i32>; 3],
+    majorant: Row<f32>,
+    /// 1 / majorant where the lane is [length].
+    pub free_path: Row<f32>,
+    /// The next tentative collision.
+    pub q: [Row<f32>; 3],
+    /// Voxel at `q`.
+    pub voxel: Row<u32>,
+    /// The voxel that its density is read from.
+    read: Row<u32>,
+    /// Cell of the majorants or voids at `q`.
+    cell: Row<u32>,
+    density: Row<f32>,
+}
+
+impl Flights {
+    /// Lanes that hold nothing yet.
+    pub fn new(course: &Course) -> Self {
+        Flights {
+            p: [[0.5; N]; 3],
+            d: [[0.0; N], [0.0; N], [1.0; N]],
+            index: [[0; N]; 2],
+            block: [0; N],
+            word: [[0; N]; 4],
+            xi: [0.5; N],
+            depth: [0.0; N],
+            at: [[0; N]; 3],
+            majorant: [1.0; N],
+            free_path: [course.free_path; N],
+            q: [[0.5; N]; 3],
+            voxel: [0; N],
+            read: [0; N],
+            cell: [0; N],
+            density: [0.0; N],
+        }
+    }
+
+    /// The next four words of some lanes, and a tentative flight of all that are `alive`; gives those that are at a
+    /// tentative collision. `flying` are those between two cells of majorants.
+    #[inline(always)]
+    pub fn advance(&mut self, course: &Course, alive: u32, flying: &mut u32) -> u32 {
+        self.draw(course, alive & !*flying);
+        match &course.cells {
+            None => self.fly(course) & alive,
+            Some(cells) => self.cross(course, cells, alive, flying),
+        }
+    }
+
+    /// The albedos at the real collisions of some lanes, by channel.
+    #[inline(always)]
+    pub fn albedos<const C: usize>(&self, course: &Course, hit: u32) -> [Row<f32>; C] {
+        let mut albedo = [[0.0f32; N]; C];
+        for c in 0..C {
+            albedo[c] = [course.medium.constant[c]; N];
+        }
+        if let Some(field) = &course.medium.field {
+            for lane in bits(hit) {
+                let p = std::array::from_fn(|a| self.p[a][lane]);
+                let index = [self.index[0][lane], self.index[1][lane]];
+                let value = field.one_read(p, words(course.seed, index, self.block[lane], course.purpose + 1)[0]);
+                for c in 0..C {
+                    albedo[c][lane] = value;
+                }
+            }
+        }
+        albedo
+    }
+
+    /// Scatters some lanes into a new direction.
+    #[inline(always)]
+    pub fn turn(&mut self, course: &Course, hit: u32) {
+        if course.isotropic {
+            for i in 0..N {
+                let d = sphere(self.xi[i], azimuth(self.word[3][i]));
+                for a in 0..3 {
+                    self.d[a][i] = if hit >> i & 1 == 1 { d[a] } else { self.d[a][i] };
+                }
+            }
+        } else {
+            let (cos_theta, sin_theta) = course.phase.sample_lanes(&self.xi);
+            for i in 0..N {
+                let before = [self.d[0][i], self.d[1][i], self.d[2][i]];
+                let d = rotate(before, cos_theta[i], sin_theta[i], azimuth(self.word[3][i]));
+                for a in 0..3 {
+                    self.d[a][i] = if hit >> i & 1 == 1 { d[a] } else { before[a] };
+                }
+            }
+        }
+    }
+
+    /// Whether a lane survives roulette with the chance of a quarter.
+    #[inline(always)]
+    pub fn survives(&self, lane: usize) -> bool {
+        self.word[1][lane] >> 30 == 0
+    }
+
+    /// The next four words of some lanes, and the free flight that they begin with.
+    #[inline(always)]
+    fn draw(&mut self, course: &Course, which: u32) {
+        for i in 0..N {
+            let takes = which >> i & 1 == 1;
+            let word = words(course.seed, [self.index[0][i], self.index[1][i]], self.block[i], course.purpose);
+            for k in 0..4 {
+                self.word[k][i] = if takes { word[k] } else { self.word[k][i] };
+            }
+            self.block[i] += u32::from(takes);
+        }
+        for i in 0..N {
+            let depth = flight(self.word[0][i], self.word[3][i]);
+            self.depth[i] = if which >> i & 1 == 1 { depth } else { self.depth[i] };
+        }
+    }
+
+    /// Free flights to `q`; gives the lanes that are still in the box.
+    #[inline(always)]
+    fn fly(&mut self, course: &Course) -> u32 {
+        let n = course.field.n();
+        let mut inside = [false; N];
+        for i in 0..N {
+            let length = self.depth[i] * course.free_path;
+            let mut within = true;
+            for a in 0..3 {
+                let q = self.p[a][i] + self.d[a][i] * course.medium.inverse_h[a] * length;
+                self.q[a][i] = q;
+                within &= q >= 0.0 && q < n[a] as f32;
+            }
+            inside[i] = within;
+        }
+        mask(|i| inside[i])
+    }
+
+    /// Moves the lanes `alive` on through the cells of majorants, until few of them are still `flying`; gives those at a
+    /// tentative collision.
+    #[inline(always)]
+    fn cross(&mut self, course: &Course, cells: &Cells, alive: u32, flying: &mut u32) -> u32 {
+        let n = course.field.n();
+        let scale = 1.0 / cells.block;
+        for i in 0..N {
+            // A photon that is about to fly finds its cell; a flying one is in the cell that it came to.
+            let starts = *flying >> i & 1 == 0;
+            for a in 0..3 {
+                let here = cell(Real::max(self.p[a][i], 0.0) * scale);
+                let here = if here < cells.n[a] { here } else { cells.n[a] - 1 };
+                self.at[a][i] = if starts { here } else { self.at[a][i] };
+            }
+        }
+        *flying = alive;
+        let mut inside = 0;
+        loop {
+            for i in 0..N {
+                self.cell[i] = flat([0, 1, 2].map(|a| self.at[a][i] as u32), [cells.n[0] as u32, cells.n[1] as u32]);
+            }
+            for lane in bits(*flying) {
+                self.majorant[lane] = cells.majorant[self.cell[lane] as usize];
+            }
+            let mut stops = [false; N];
+            let mut leaves = [false; N];
+            for i in 0..N {
+                let flies = *flying >> i & 1 == 1;
+                let mut edge = [0.0f32; 3];
+                let mut way = [0.0f32; 3];
+                let mut v = [0.0f32; 3];
+                for a in 0..3 {
+                    v[a] = self.d[a][i] * course.medium.inverse_h[a];
+                    let next = self.at[a][i] + i32::from(v[a] > 0.0);
+                    edge[a] = Real::min(next as f32 * cells.block, n[a] as f32);
+                    let t = Real::max((edge[a] - self.p[a][i]) / v[a], 0.0);
+                    way[a] = if v[a] == 0.0 { f32::INFINITY } else { t };
+                }
+                let exit = Real::min(way[0], Real::min(way[1], way[2]));
+                let free = self.depth[i] / self.majorant[i];
+                let stop = free < exit;
+                let t = if stop { free } else { exit };
+                let rest = Real::max(self.depth[i] - t * self.majorant[i], 0.0);
+                self.depth[i] = if flies { rest } else { self.depth[i] };
+                let mut out = false;
+                let mut open = !stop;
+                for a in 0..3 {
+                    // The axis of the face that is crossed.
+                    let crosses = open && way[a] == exit;
+                    open = open && !crosses;
+                    // Rounding must not carry a tentative collision out of the cell whose majorant it has.
+                    let low = self.at[a][i] as f32 * cells.block;
+                    let high = Real::min(low + cells.block, n[a] as f32) * (1.0 - 6e-8);
+                    let p = Real::max(Real::min(self.p[a][i] + v[a] * t, high), low);
+                    let p = if crosses { edge[a] } else { p };
+                    self.p[a][i] = if flies { p } else { self.p[a][i] };
+                    let next = self.at[a][i] + if v[a] > 0.0 { 1 } else { -1 };
+                    let moves = flies && crosses;
+                    let outside = next < 0 || next >= cells.n[a];
+                    out |= moves && outside;
+                    self.at[a][i] = if moves && !outside { next } else { self.at[a][i] };
+                }
+                stops[i] = flies && stop;
+                leaves[i] = out;
+            }
+            let (stopped, left) = (mask(|i| stops[i]), mask(|i| leaves[i]));
+            inside |= stopped;
+            *flying &= !stopped & !left;
+            if flying.count_ones() <= FLYING {
+                break;
+            }
+        }
+        for i in 0..N {
+            self.free_path[i] = 1.0 / self.majorant[i];
+        }
+        self.q = self.p;
+        inside
+    }
+
+    /// Finds the voxels of the tentative collisions.
+    #[inline(always)]
+    pub fn locate(&mut self, course: &Course) {
+        let n = course.field.n();
+        for i in 0..N {
+            let c = [0, 1, 2].map(|a| cell(self.q[a][i]) as u32);
+            self.voxel[i] = flat(c, [n[0] as u32, n[1] as u32]);
+        }
+    }
+
+    /// The lanes whose tentative collisions are not in a void.
+    #[inline(always)]
+    pub fn dense(&mut self, voids: &Voids) -> u32 {
+        for i in 0..N {
+            self.cell[i] = flat([0, 1, 2].map(|a| cell(self.q[a][i]) as u32 >> voids.shift), voids.n);
+        }
+        mask(|i| voids.empty.get(self.cell[i] as usize) == Some(&false))
+    }
+
+    /// Makes every tentative collision real.
+    #[inline(always)]
+    pub fn accept_all(&mut self) {
+        self.p = self.q;
+        for i in 0..N {
+            self.xi[i] = uniform(self.word[2][i]);
+        }
+    }
+
+    /// Moves all lanes to their tentative collisions; gives those of `dense` where it is real.
+    #[inline(always)]
+    pub fn accept(&mut self, course: &Course, dense: u32) -> u32 {
+        let n = course.field.n();
+        self.p = self.q;
+        let spread = if course.field.linear() { 1.0f32 } else { 0.0 };
+        for i in 0..N {
+            let word = self.word[1][i];
+            let c: [u32; 3] = std::array::from_fn(|a| {
+                let q = Real::max(self.q[a][i] + spread * jitter(word, a), 0.0);
+                cell(Real::min(q, n[a] as f32 - 0.5)) as u32
+            });
+            self.read[i] = flat(c, [n[0] as u32, n[1] as u32]);
+        }
+        let values = course.field.values();
+        self.density = [0.0; N];
+        for lane in bits(dense) {
+            self.density[lane] = values[self.read[lane] as usize];
+        }
+        let mut hit = [false; N];
+        for i in 0..N {
+            let accept = self.density[i] * course.extinction * self.free_path[i];
+            let xi = uniform(self.word[2][i]);
+            hit[i] = xi <= accept;
+            self.xi[i] = Real::min(xi / accept, 1.0);
+        }
+        mask(|i| hit[i]) & dense
+    }
+}
+
+/// The set bits of a mask.
+#[inline(always)]
+pub fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (mask != 0).then(|| {
+            let lane = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            lane
+        })
+    })
+}
+
+/// The lanes for which a flag holds, as bits.
+#[inline(always)]
+pub fn mask(flag: impl Fn(usize) -> bool) -> u32 {
+    let mut mask = 0;
+    for i in 0..N {
+        mask |= u32::from(flag(i)) << i;
+    }
+    mask
+}
+
+/// The index of a cell of a grid with the given numbers of cells along x and y; any number for a lane that holds nothing.
+#[inline(always)]
+fn flat(c: [u32; 3], n: [u32; 2]) -> u32 {
+    c[2].wrapping_mul(n[1]).wrapping_add(c[1]).wrapping_mul(n[0]).wrapping_add(c[0])
+}
+
+/// A free flight in mean free paths, from 32 bits and ten more behind them: up to 28 mean free paths.
+#[inline(always)]
+fn flight(word: u32, more: u32) -> f32 {
+    let rest = ((more & 1023) as f32 + 0.5) * (1.0 / 1024.0);
+    -Real::ln((word as f32 + rest) * (1.0 / 4_294_967_296.0))
+}
+
+/// What rounds a deposit, from the lower ten bits.
+#[inline(always)]
+pub fn rounding(word: u32) -> f32 {
+    (word & 1023) as f32 * (1.0 / 1024.0) + 0.5 / 1024.0
+}
+
+/// A part of a turn from the upper 22 bits.
+#[inline(always)]
+fn azimuth(word: u32) -> f32 {
+    (word >> 10) as f32 * (1.0 / 4_194_304.0)
+}
