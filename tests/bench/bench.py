@@ -16,6 +16,7 @@ import cloud
 import cube60
 import mcrt
 import memory
+import path
 import scaling
 import seed
 import specialise
@@ -27,6 +28,7 @@ GROUPS = {
     "cube60": cube60.run,
     "cloud": cloud.run,
     "mitsuba": volpath.run,
+    "path": path.run,
     "seed": seed.run,
     "specialise": specialise.run,
     "scaling": scaling.run,

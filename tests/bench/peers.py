@@ -83,3 +83,65 @@ def mitsuba():
         raise MissingPeerError(f"{error}; pip install 'mcrt-wgpu[test]'") from error
     mitsuba.set_variant("llvm_ad_mono")
     return mitsuba
+
+
+def mitsuba_scene(mi, volume, arguments):
+    """What `mcrt.simulate` is given, for `mi.load_dict`: unit voxels at 0, a point light."""
+    transform = mi.ScalarTransform4f()
+    camera, light, phase = (arguments.get(name) for name in ("camera", "light", "phase"))
+    nz, ny, nx = volume.shape
+    extent = mi.ScalarPoint3f(nx, ny, nz)
+    optical = {
+        "albedo": arguments["albedo"],
+        "phase": {"type": "hg", "g": phase.g} if phase else {"type": "isotropic"},
+    }
+    if np.ptp(volume) == 0.0:
+        sigma_t = float(volume.flat[0]) * arguments["extinction"]
+        medium = {"type": "homogeneous", "sigma_t": sigma_t}
+    else:
+        nearest = arguments.get("interpolation") == "nearest"
+        medium = {
+            "type": "heterogeneous",
+            "scale": arguments["extinction"],
+            "sigma_t": {
+                "type": "gridvolume",
+                "grid": mi.VolumeGrid(np.ascontiguousarray(volume)[..., np.newaxis]),
+                "filter_type": "nearest" if nearest else "trilinear",
+                "to_world": transform.scale(extent),
+                "accel": False,
+                "raw": True,
+            },
+        }
+    return {
+        "type": "scene",
+        "integrator": {
+            "type": "volpath",
+            "max_depth": arguments["max_scatterings"] + 1,
+            "rr_depth": 100000,
+        },
+        "light": {
+            "type": "point",
+            "position": [float(x) for x in light.position],
+            "intensity": float(light.intensity),
+        },
+        "sensor": {
+            "type": "perspective",
+            "fov": float(camera.fov),
+            "to_world": transform.look_at(camera.origin, camera.target, camera.up),
+            "film": {
+                "type": "hdrfilm",
+                "width": camera.resolution[0],
+                "height": camera.resolution[1],
+                "rfilter": {"type": "box"},
+                "pixel_format": "luminance",
+                "component_format": "float32",
+            },
+            "sampler": {"type": "independent"},
+        },
+        "box": {
+            "type": "cube",
+            "to_world": transform.scale(extent / 2).translate([1, 1, 1]),
+            "bsdf": {"type": "null"},
+            "interior": medium | optical,
+        },
+    }

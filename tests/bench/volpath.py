@@ -2,48 +2,10 @@
 
 import cloud
 import numpy as np
-from peers import MissingPeerError, mitsuba
+from peers import MissingPeerError, mitsuba, mitsuba_scene
 from table import heading, number, row, timed
 
 SAMPLES, GOAL, PILOT = 16, 0.01, 1.5e6
-
-
-def scene(mi, side):
-    size = float(cloud.SIDE)
-    return {
-        "type": "scene",
-        "integrator": {"type": "volpath", "max_depth": cloud.ORDERS + 1, "rr_depth": 100000},
-        "light": {"type": "point", "position": cloud.LIGHT.position, "intensity": 1e5},
-        "sensor": {
-            "type": "perspective",
-            "fov": 20,
-            "to_world": mi.ScalarTransform4f().look_at(cloud.EYE, cloud.CENTRE, (0, 0, 1)),
-            "film": {
-                "type": "hdrfilm",
-                "width": side,
-                "height": side,
-                "rfilter": {"type": "box"},
-                "pixel_format": "luminance",
-            },
-            "sampler": {"type": "independent"},
-        },
-        "cube": {
-            "type": "cube",
-            "to_world": mi.ScalarTransform4f().scale(size / 2).translate([1, 1, 1]),
-            "bsdf": {"type": "null"},
-            "interior": {
-                "type": "heterogeneous",
-                "albedo": cloud.ALBEDO,
-                "scale": cloud.EXTINCTION,
-                "sigma_t": {
-                    "type": "gridvolume",
-                    "grid": mi.VolumeGrid(cloud.volume()[..., np.newaxis]),
-                    "to_world": mi.ScalarTransform4f().scale(size),
-                    "accel": False,
-                },
-            },
-        },
-    }
 
 
 def run(large=False):
@@ -65,7 +27,8 @@ def compare(mi, side):
     error = f"{100 * ours.error():.2f} %"
     row(f"mcrt, {size}, to {error}", f"{ours.whole:.2f}", "s", f"{photons:.2g} photons")
 
-    loaded = mi.load_dict(scene(mi, side))
+    arguments = cloud.scene(cloud.camera(side))
+    loaded = mi.load_dict(mitsuba_scene(mi, cloud.volume(), arguments))
 
     def render(seed):
         return np.array(mi.render(loaded, spp=SAMPLES, seed=seed))[..., 0]
