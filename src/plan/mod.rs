@@ -14,7 +14,7 @@ pub use settings::{Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
 use crate::physics::harmonics::count;
-use crate::scene::{Light, Scene};
+use crate::scene::{Emission as Glow, Light, Scene};
 use cost::Memory;
 
 /// A decision with its reason, as EXPLAIN prints them.
@@ -162,6 +162,7 @@ impl<'a> Plan<'a> {
             match (settings.simd, tracker) {
                 (Some(Simd::Scalar), _) => "MCRT_SIMD = scalar",
                 _ if chromatic => "extinction differs between channels",
+                _ if scene.is_many_coloured() => "each photon has a colour of its own",
                 (_, Tracker::March) => "the march goes voxel by voxel",
                 _ if !lanes => "there are more than 2^32 voxels",
                 _ => "photons take the same steps",
@@ -180,9 +181,15 @@ impl<'a> Plan<'a> {
             return scene_error("tracker = \"analytic\" needs a homogeneous volume; this one is not constant");
         }
 
-        let shoots = lights.iter().any(|l| l.emission != Emission::Nothing);
+        let emits = medium.emission.as_ref().is_some_and(|glow| glow.power(volume).iter().any(|&power| power > 0.0));
+        let shooting = lights.iter().filter(|l| l.emission != Emission::Nothing).count() + usize::from(emits);
+        let shoots = shooting > 0;
+        if let Some(glow) = &medium.emission {
+            why.emission(glow, emits);
+        }
         let (harmonics, truncation) = angular::choose(scene, settings, target_error, &mut why);
-        let (layers, routes) = choose_layers(scene, settings, &lights, shoots_scattered, orders, harmonics.is_some());
+        let (layers, routes) =
+            choose_layers(scene, settings, (&lights, emits), shoots_scattered, orders, harmonics.is_some());
         let harmonics = harmonics
             .filter(|_| layers.iter().any(|layer| matches!(layer, Layer::Harmonics | Layer::HarmonicsUnscattered)));
         let photons_per_second =
@@ -194,8 +201,7 @@ impl<'a> Plan<'a> {
             (true, _) => 8,
         };
         let (batch_photons, batches) = if shoots {
-            let emitters = lights.iter().filter(|l| l.emission != Emission::Nothing).count() as u64;
-            choose_batches(settings, emitters, volume.voxels(), subvolumes, photons_per_second)?
+            choose_batches(settings, shooting as u64, volume.voxels(), subvolumes, photons_per_second)?
         } else {
             (0, Some(0))
         };
@@ -328,12 +334,23 @@ impl Explain {
         self.decisions.push(Decision { name, choice, reason });
     }
 
+    fn emission(&mut self, glow: &Glow, emits: bool) {
+        let (choice, reason) = if emits {
+            ("photons start in the medium, drawn by what it emits", "seen directly it is integrated along view rays")
+        } else {
+            ("no photons", "it is zero everywhere")
+        };
+        let colour = if glow.channels() > 1 { "RGB" } else { "grey" };
+        self.push("emission", format!("{colour}: {choice}"), reason.into());
+    }
+
     fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
         let name = match light {
             Light::Point { .. } => "PointLight",
             Light::Pencil { .. } => "PencilBeam",
             Light::Directional { .. } => "DirectionalLight",
-            Light::Environment { .. } => "EnvironmentLight",
+            Light::Environment { map: None, .. } => "EnvironmentLight",
+            Light::Environment { map: Some(_), .. } => "EnvironmentLight (map)",
         };
         let direct = match plan.direct {
             Direct::Quadrature { points, .. } => format!("order 0 by {points}^3 points a voxel"),
@@ -404,11 +421,11 @@ fn choose_method(
 /// is so skew that a standard error does not describe it.
 pub const LEAST_SCORED_DEPTH: f64 = 0.3;
 
-/// Whether the settings, the kind of extinction and the number of voxels (lanes count them in 32 bits) let photons walk in
-/// lanes.
+/// Whether the settings, the kind of extinction, the light's colours and the number of voxels (lanes count them in 32 bits)
+/// let photons walk in lanes.
 fn allows_lanes(scene: &Scene, settings: &Settings, chromatic: bool) -> bool {
     let countable = u32::try_from(scene.medium.volume.voxels()).is_ok();
-    settings.simd != Some(Simd::Scalar) && !chromatic && countable
+    settings.simd != Some(Simd::Scalar) && !chromatic && !scene.is_many_coloured() && countable
 }
 
 fn choose_tracker(
@@ -477,15 +494,15 @@ fn choose_tracker(
 fn choose_layers(
     scene: &Scene,
     settings: &Settings,
-    lights: &[LightPlan],
+    (lights, emits): (&[LightPlan], bool),
     scattered: bool,
     orders: u32,
     harmonics: bool,
 ) -> (Vec<Layer>, [Route; 3]) {
     let isotropic = scene.medium.phase.is_isotropic();
     let wants_source = orders > 0 && (settings.radiance || settings.image);
-    let sampled = lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
-    let scattered = scattered && lights.iter().any(|l| l.emission != Emission::Nothing);
+    let sampled = emits || lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
+    let scattered = scattered && (emits || lights.iter().any(|l| l.emission != Emission::Nothing));
     let mut layers = Vec::new();
     let mut add = |wanted: bool, layer: Layer| {
         wanted.then(|| {
