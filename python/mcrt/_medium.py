@@ -173,5 +173,7 @@ def emission_planes(medium: Medium) -> np.ndarray | None:
         planes = emission[np.newaxis] if emission.ndim == 3 else np.moveaxis(emission, -1, 0)
     else:
         values = single("emission", np.array(channels(emission)), "channel")
-        planes = np.broadcast_to(values[:, np.newaxis, np.newaxis, np.newaxis], (len(values), *shape))
+        planes = np.broadcast_to(
+            values[:, np.newaxis, np.newaxis, np.newaxis], (len(values), *shape)
+        )
     return np.ascontiguousarray(planes)

@@ -44,6 +44,10 @@ impl<'a> Emission<'a> {
                 values[first]
             ));
         }
+        let radiance = f64::from(values.iter().copied().fold(0.0, f32::max)) * volume.size().iter().sum::<f64>();
+        if radiance > 1e30 {
+            return scene_error(format!("emission * size reaches a radiance of {radiance:e}; up to 1e30 is allowed"));
+        }
         let planes: Vec<&[f32]> = values.chunks(voxels).collect();
         let sums = std::array::from_fn(|c| planes[c % channels].iter().map(|&v| f64::from(v)).sum());
         Ok(Emission { planes, sums })
