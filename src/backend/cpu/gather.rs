@@ -262,7 +262,7 @@ impl<'a> Backdrop<'a> {
         any.then_some(backdrop)
     }
 
-    /// Rays per pixel and axis that resolve the maps: two per texel.
+    /// Rays per pixel and axis that resolve the maps: four per texel.
     fn samples(&self, camera: &Camera) -> usize {
         // Of a perspective camera this is the angle of the pixel in the middle, its largest.
         let angle = match camera.eye() {
@@ -271,7 +271,7 @@ impl<'a> Backdrop<'a> {
         };
         let rows = self.maps.iter().map(|map| map.size()[1].max(map.size()[0] / 2)).max().unwrap_or(0);
         let texels = angle * rows as f64 * std::f64::consts::FRAC_1_PI;
-        (2.0 * texels).ceil().clamp(if rows > 0 { 2.0 } else { 1.0 }, 16.0) as usize
+        (4.0 * texels).ceil().clamp(if rows > 0 { 4.0 } else { 1.0 }, 24.0) as usize
     }
 
     /// The mean radiance over a square of pixels with the corner (x, y), from `n` by `n` rays.
