@@ -19,6 +19,13 @@ def with_value(value, *index):
     return values
 
 
+def sky(value, *index):
+    """A map of 4 x 8 texels, RGB if the index has three numbers, with one texel of its own."""
+    values = np.ones((4, 8, 3)[: len(index)])
+    values[index] = value
+    return values
+
+
 BAD_VOLUMES = {
     "nan": (with_value(NAN, 1, 2, 3), r"(?s)1 .*\(1, 2, 3\)"),
     "inf": (with_value(INF, 0, 0, 1), r"\(0, 0, 1\)"),
@@ -60,7 +67,6 @@ BAD_ARGUMENTS = [
     ({"phase": "isotropic"}, "phase must be Isotropic"),
     ({"phase": mcrt.HenyeyGreenstein}, "phase must be Isotropic"),
     ({"light": "sun"}, "light must be PointLight"),
-    ({"light": []}, "empty sequence"),
     ({"light": [mcrt.PointLight((9, 9, 9)), 3]}, r"light\[1\]"),
     ({"camera": (1, 2, 3)}, "camera must be PerspectiveCamera"),
     ({"photons": 0}, "photons must be an integral number from 1 to 1,000,000,000,000,000"),
@@ -92,7 +98,17 @@ BAD_ARGUMENTS = [
     ({"outputs": ["fluence", "flux"]}, "outputs must be one of.*flux"),
     ({"outputs": []}, "outputs must be a sequence"),
     ({"progress": "bar"}, "progress must be"),
-    ({"emission": np.ones((4, 5, 6))}, "emission is not yet available"),
+    ({"emission": np.ones((4, 5, 7))}, r"emission must be.*\(4, 5, 6\).*\(4, 5, 7\)"),
+    ({"emission": np.ones((4, 5, 6, 2))}, "emission must be"),
+    ({"emission": (1.0, 2.0)}, "emission must be"),
+    ({"emission": "hot"}, "emission must be"),
+    ({"emission": -1.0}, r"120 values of emission are .*\(0, 0, 0\): -1"),
+    ({"emission": (1.0, NAN, 1.0)}, r"\(0, 0, 0, 1\): NaN"),
+    ({"emission": with_value(NAN, 1, 2, 3)}, r"1 values of emission are .*\(1, 2, 3\): NaN"),
+    ({"emission": with_value(-2.0, 3, 0, 1)}, r"\(3, 0, 1\): -2"),
+    ({"emission": np.stack([with_value(INF, 3, 4, 5)] * 3, -1)}, r"\(3, 4, 5, 0\): inf"),
+    ({"emission": with_value(1e300, 1, 1, 1)}, r"emission must fit float32.*\(1, 1, 1\)"),
+    ({"emission": 1e30}, "radiance"),
     ({"detector": 1}, "detector is not yet available"),
     ({"spp": 16}, "spp is not yet available"),
     ({"photoelectric": True}, "photoelectric is not yet available"),
@@ -122,7 +138,16 @@ BAD_RECORDS = [
     (partial(mcrt.DirectionalLight, (0, INF, 0)), "direction"),
     (partial(mcrt.DirectionalLight, (0, 0, 1), NAN), "irradiance"),
     (partial(mcrt.EnvironmentLight, -1.0), "radiance"),
-    (partial(mcrt.EnvironmentLight, np.ones((4, 8, 3))), "map of radiance is not yet available"),
+    (partial(mcrt.EnvironmentLight, np.ones(4)), "radiance must be a number, 3 numbers"),
+    (partial(mcrt.EnvironmentLight, np.ones((4, 8, 2))), r"radiance must be.*\(4, 8, 2\)"),
+    (partial(mcrt.EnvironmentLight, np.ones((1, 4, 8, 3))), r"radiance must be.*\(1, 4, 8, 3\)"),
+    (partial(mcrt.EnvironmentLight, np.ones((0, 8))), "at least one texel"),
+    (partial(mcrt.EnvironmentLight, np.ones((4, 0, 3))), "at least one texel"),
+    (partial(mcrt.EnvironmentLight, np.full((4, 8), "a")), "radiance must be"),
+    (partial(mcrt.EnvironmentLight, sky(NAN, 2, 7)), r"1 values .*\[2, 7\]: NaN"),
+    (partial(mcrt.EnvironmentLight, sky(-1.0, 3, 0)), r"\[3, 0\]: -1"),
+    (partial(mcrt.EnvironmentLight, sky(INF, 0, 1, 2)), r"\[0, 1, 2\]: inf"),
+    (partial(mcrt.EnvironmentLight, sky(1e300, 0, 1, 2)), r"float32.*\(0, 1, 2\)"),
     (partial(mcrt.PerspectiveCamera, (1, 2, 3), (1, 2, 3)), "target"),
     (partial(mcrt.PerspectiveCamera, (1, 2, 3), (0, 0, 0), fov=180.0), "fov"),
     (partial(mcrt.PerspectiveCamera, (1, 2, 3), (0, 0, 0), up=(0, 0, 0)), "up"),
@@ -219,12 +244,23 @@ def record(make, *fields, **named):
     return st.builds(partial, st.just(make), *fields, **named)
 
 
-def lights(points, values):
+def maps(numbers):
+    shapes = st.tuples(st.integers(1, 3), st.integers(1, 3), st.sampled_from([1, 3]))
+    return st.builds(
+        lambda shape, some, rng: rng.choice(some, shape if shape[2] == 3 else shape[:2]),
+        shapes,
+        st.lists(numbers, min_size=1, max_size=3),
+        st.builds(np.random.default_rng, st.integers(0, 5)),
+    )
+
+
+def lights(points, values, numbers):
     kinds = st.one_of(
         record(mcrt.PointLight, points, values),
         record(mcrt.PencilBeam, points, points, values),
         record(mcrt.DirectionalLight, points, values),
         record(mcrt.EnvironmentLight, values),
+        record(mcrt.EnvironmentLight, maps(numbers)),
     )
     return st.one_of(kinds, st.lists(kinds, max_size=3))
 
@@ -252,6 +288,7 @@ GOOD = {
     "origin": POINTS,
     "interpolation": st.sampled_from(["nearest", "linear"]),
     "extinction": VALUES,
+    "emission": VALUES,
     "albedo": st.sampled_from([0.0, 0.5, 1.0, (0.1, 0.5, 1.0), np.float32(0.9)]),
     "phase": st.one_of(
         record(mcrt.Isotropic),
@@ -259,7 +296,7 @@ GOOD = {
         record(mcrt.HenyeyGreenstein, st.sampled_from([-0.9, 0.0, 1e-6, 0.99])),
         record(mcrt.TabulatedPhase, st.just((-1, 0, 1)), st.just((0, 1, 3))),
     ),
-    "light": lights(POINTS, VALUES),
+    "light": lights(POINTS, VALUES, SANE),
     "camera": cameras(POINTS, SANE),
     "max_scatterings": st.sampled_from([0, 1, 2, 5]),
     "method": st.sampled_from(["auto", "single", "photon"]),
@@ -281,7 +318,7 @@ WILD = {
         record(mcrt.HenyeyGreenstein, FLOATS),
         record(mcrt.TabulatedPhase, st.lists(FLOATS, max_size=4), st.lists(FLOATS, max_size=4)),
     ),
-    "light": st.one_of(JUNK, lights(WILD_POINTS, WILD_VALUES)),
+    "light": st.one_of(JUNK, lights(WILD_POINTS, WILD_VALUES, FLOATS)),
     "camera": st.one_of(JUNK, cameras(WILD_POINTS, FLOATS)),
     "photons": st.one_of(JUNK, st.sampled_from([0, -1, 0.5, NAN, INF, 1e300, 1, 2, 17.0])),
     "max_scatterings": st.one_of(JUNK, st.sampled_from([-1, 0.5, NAN, 1e300])),
@@ -293,7 +330,7 @@ WILD = {
     "threads": st.one_of(JUNK, st.sampled_from([0, -1, 1e9])),
     "errors": JUNK,
     "outputs": JUNK,
-    "emission": JUNK,
+    "emission": st.one_of(JUNK, WILD_VALUES, volumes(FLOATS)),
     "force": JUNK,
 }
 

@@ -134,6 +134,11 @@ def volume(name: str, value: Any) -> np.ndarray:
         raise wrong(name, expected, array if array.ndim else value)
     if array.size == 0:
         raise wrong(name, f"{expected} with at least one voxel", array)
+    return single(name, array, "(k, j, i)")
+
+
+def single(name: str, array: np.ndarray, index: str) -> np.ndarray:
+    """A private, read-only, C-ordered float32 copy; `index` says what an index of it is called."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             copy = np.array(array, dtype=np.float32, order="C")
@@ -147,7 +152,7 @@ def volume(name: str, value: Any) -> np.ndarray:
             where = first_index(overflow)
             raise SceneError(
                 f"{name} must fit float32 (at most 3.4e38); {np.count_nonzero(overflow)} values of "
-                f"{describe(array)} do not, the first is {array[where]} at (k, j, i) = {where}"
+                f"{describe(array)} do not, the first is {array[where]} at {index} = {where}"
             )
     copy.flags.writeable = False
     return copy

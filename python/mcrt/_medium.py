@@ -8,13 +8,14 @@ from numpy.typing import ArrayLike
 
 from ._arguments import (
     Value,
+    channels,
     choice,
     describe,
     first_index,
-    not_yet,
     numeric,
     positive,
     rgb,
+    single,
     vector,
     volume,
     wrong,
@@ -25,7 +26,7 @@ from ._scene import Phase, as_phase
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Medium:
-    """A box of voxels that absorbs and scatters; vacuum outside.
+    """A box of voxels that absorbs, scatters and emits; vacuum outside.
 
     sigma_t = extinction * density [1/length], sigma_s = albedo * sigma_t. Voxel (k, j, i) covers
     origin + ((i..i+1) dx, (j..j+1) dy, (k..k+1) dz).
@@ -47,8 +48,11 @@ class Medium:
         Single-scattering albedo, 0 to 1. Three numbers are RGB; only 3-D arrays are per voxel.
     phase : phase function, optional
         `Isotropic()` if None.
-    emission : None
-        Not yet available.
+    emission : float, RGB, or array (nz, ny, nx) or (nz, ny, nx, 3), optional
+        Source term L_e: the radiance that a unit of length adds [W/(sr length^3)], not multiplied
+        by the absorption coefficient; interpolated as the density is, and there where that is zero
+        too. A medium in thermal equilibrium has sigma_a times Planck's radiance. It emits
+        4 pi times the volume integral of L_e [W].
 
     Raises
     ------
@@ -66,11 +70,9 @@ class Medium:
     extinction: Value = 1.0
     albedo: Value | np.ndarray = 0.9
     phase: Phase | None = None
-    emission: None = None
+    emission: Value | np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        if self.emission is not None:
-            raise not_yet("emission")
         density = volume("density", self.density)
         normalised = {
             "density": density,
@@ -80,6 +82,7 @@ class Medium:
             "extinction": rgb("extinction", self.extinction),
             "albedo": _albedo(self.albedo, density.shape),
             "phase": as_phase(self.phase),
+            "emission": _emission(self.emission, density.shape),
         }
         for name, value in normalised.items():
             object.__setattr__(self, name, value)
@@ -143,3 +146,34 @@ def _albedo(value: Any, shape: tuple[int, ...]) -> Value | np.ndarray:
     if array.shape in ((), (3,)):
         return rgb("albedo", array)
     raise wrong("albedo", expected, value)
+
+
+def _emission(value: Any, shape: tuple[int, ...]) -> Value | np.ndarray | None:
+    """None, a number, RGB, or an array with one source term (or three) per voxel."""
+    if value is None:
+        return None
+    rgb_shape = (*shape, 3)
+    expected = f"a number, 3 numbers (RGB), or an array of the shape {shape} or {rgb_shape}"
+    array = numeric("emission", value, expected)
+    if array.shape == shape:
+        return single("emission", array, "(k, j, i)")
+    if array.shape == rgb_shape:
+        return single("emission", array, "(k, j, i, channel)")
+    if array.shape in ((), (3,)):
+        return rgb("emission", array)
+    raise wrong("emission", expected, value)
+
+
+def emission_planes(medium: Medium) -> np.ndarray | None:
+    """The emission that the Rust core takes: float32 (1 or 3, nz, ny, nx)."""
+    emission, shape = medium.emission, medium.density.shape
+    if emission is None:
+        return None
+    if isinstance(emission, np.ndarray):
+        planes = emission[np.newaxis] if emission.ndim == 3 else np.moveaxis(emission, -1, 0)
+    else:
+        values = single("emission", np.array(channels(emission)), "channel")
+        planes = np.broadcast_to(
+            values[:, np.newaxis, np.newaxis, np.newaxis], (len(values), *shape)
+        )
+    return np.ascontiguousarray(planes)

@@ -15,7 +15,7 @@ from ._scene import Camera, as_camera, camera_from_spec
 
 CACHED_CAMERAS = 16
 PIXELS = ("order1", "order2", "error")  # of a path result
-ORDERS = {0: "background", 1: "order1", "2+": "order2"}
+ORDERS = {0: "background", 1: "order1", "2+": "order2", "emission": "emitted"}
 
 
 class Result:
@@ -110,8 +110,10 @@ class Result:
         camera : Camera, optional
             Any camera, outside or inside the volume; None takes that of the run.
         order : optional
-            None: all light that was scattered (orders 1 and up); 0: the background seen through
-            the medium; 1: light scattered once; "2+": light scattered twice or more.
+            None: all light that was scattered (orders 1 and up) or emitted by the medium; 0: the
+            background seen through the medium; 1: light scattered once, be it a light's or
+            emitted; "2+": light scattered twice or more; "emission": light that the medium emitted
+            and that was not scattered, the integral of L_e times transmittance along the view.
 
         Raises
         ------
@@ -122,12 +124,12 @@ class Result:
         """
         known = isinstance(order, int | str) and not isinstance(order, bool) and order in ORDERS
         if order is not None and not known:
-            raise wrong("order", 'None, 0, 1 or "2+"', order)
+            raise wrong("order", 'None, 0, 1, "2+" or "emission"', order)
         if order == "2+" and self.plan.method == "single":
             raise SceneError('method "single" holds no orders above 1; use method="photon"')
         layers = self._gather(camera)
         if order is None:
-            return layers["order1"] + layers["order2"]
+            return layers["order1"] + layers["order2"] + layers["emitted"]
         return layers[ORDERS[order]].copy()
 
     def image_error(self, camera: Camera | None = None) -> np.ndarray:

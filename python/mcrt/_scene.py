@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mcrt
-from ._arguments import Value, channels, integer, not_yet, number, numeric, rgb, vector, wrong
-from ._errors import SceneError
+from ._arguments import Value, channels, integer, number, numeric, rgb, single, vector, wrong
 
 Spec = tuple[Any, ...]
 
@@ -197,26 +196,66 @@ class DirectionalLight(Light):
         return ("directional", self.direction, channels(self.irradiance))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnvironmentLight(Light):
-    """The same radiance from every direction, like that of an overcast sky.
+    """Radiance from every direction: the same from each, like an overcast sky's, or that of a map.
 
     Parameters
     ----------
-    radiance : float or RGB
-        Radiance [W/(sr length^2)]. Maps (2-D or 3-D arrays) are not yet available.
+    radiance : float, RGB, or array (height, width) or (height, width, 3)
+        Radiance [W/(sr length^2)] that comes from the sky. A 2-D or 3-D array is an equirectangular
+        map, of any real numbers that are finite and not negative; one float32 copy is made. Three
+        numbers are RGB.
+
+    Raises
+    ------
+    SceneError
+        If the array has another shape or no texels, or a value is NaN, infinite or negative (its
+        index [row, column] or [row, column, channel] is given).
+
+    Notes
+    -----
+    Rows go from up (+z) to down (-z): the polar angle of row r is theta = pi (r + 1/2) / height.
+    The middle of the map looks along +y, and columns go to the right of a viewer who stands with z
+    up: for the unit vector d to the sky, (column + 1/2) / width = 1/2 + atan2(d_x, d_y) / (2 pi),
+    so that +x is a quarter of the width to the right of the middle, -x a quarter to its left, and
+    -y at both ends. Light travels along -d. Bilinear between texel centres, wrapped in azimuth,
+    clamped at the poles. Photons start at directions drawn by radiance times the area that the
+    volume's box shows to them.
     """
 
-    radiance: Value = 1.0
+    radiance: Value | np.ndarray = 1.0
 
     def __post_init__(self) -> None:
-        if np.ndim(numeric("radiance", self.radiance, "a number or 3 numbers (RGB)")) >= 2:
-            raise not_yet("EnvironmentLight with a map of radiance")
-        _set(self, radiance=rgb("radiance", self.radiance))
+        expected = (
+            "a number, 3 numbers (RGB), or a map: an array (height, width) or (height, width, 3)"
+        )
+        array = numeric("radiance", self.radiance, expected)
+        if array.ndim >= 2:
+            if array.ndim > 3 or array.shape[2:] not in ((), (3,)):
+                raise wrong("radiance", expected, array)
+            if array.size == 0:
+                raise wrong("radiance", f"{expected} with at least one texel", array)
+            index = "(row, column)" if array.ndim == 2 else "(row, column, channel)"
+            _set(self, radiance=single("radiance", array, index))
+        elif array.shape in ((), (3,)):
+            _set(self, radiance=rgb("radiance", array))
+        else:
+            raise wrong("radiance", expected, self.radiance)
         _mcrt.check_light(self._spec())
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, EnvironmentLight):
+            return NotImplemented
+        return np.array_equal(self.radiance, other.radiance)
+
+    def __hash__(self) -> int:
+        array = np.asarray(self.radiance)
+        return hash((EnvironmentLight, array.shape, array.tobytes()))
+
     def _spec(self) -> Spec:
-        return ("environment", channels(self.radiance))
+        radiance = self.radiance
+        return ("environment", radiance if isinstance(radiance, np.ndarray) else channels(radiance))
 
 
 class Camera:
@@ -305,14 +344,12 @@ def as_phase(phase: Any) -> Phase:
 
 
 def as_lights(light: Any) -> list[Light]:
-    """A light or a sequence of lights as a list."""
+    """A light or a sequence of lights as a list, which may be empty."""
     expected = "PointLight, PencilBeam, DirectionalLight, EnvironmentLight, or a sequence of them"
     if isinstance(light, Light):
         return [light]
     if not isinstance(light, Sequence) or isinstance(light, str):
         raise wrong("light", expected, light)
-    if not light:
-        raise SceneError("light must not be an empty sequence; None takes the default light")
     for i, one in enumerate(light):
         if not isinstance(one, Light):
             raise wrong(f"light[{i}]", expected, one)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from . import _mcrt
 from ._arguments import channels, choice, flag, integer, not_yet, positive, wrong
 from ._errors import SceneError
-from ._medium import Medium
+from ._medium import Medium, emission_planes
 from ._progress import reporting
 from ._records import Plan
 from ._result import Result
@@ -30,7 +30,7 @@ def simulate(
     extinction: ArrayLike | None = None,
     albedo: ArrayLike | None = None,
     phase: Phase | None = None,
-    emission: None = None,
+    emission: ArrayLike | None = None,
     light: Light | Sequence[Light] | None = None,
     camera: Camera | None = None,
     detector: None = None,
@@ -57,10 +57,11 @@ def simulate(
     ----------
     volume : array (nz, ny, nx) or Medium
         The density, or a medium that holds it; what the medium holds must not be given again.
-    spacing, origin, interpolation, extinction, albedo, phase
-        As for `Medium`, with its defaults: 1.0, (0, 0, 0), "linear", 1.0, 0.9, `Isotropic()`.
+    spacing, origin, interpolation, extinction, albedo, phase, emission
+        As for `Medium`, with its defaults: 1.0, (0, 0, 0), "linear", 1.0, 0.9, `Isotropic()`, none.
     light : light or sequence of lights, optional
-        They add up. None lights the volume from beside the camera that frames it.
+        They add up; an empty sequence is no light. None lights the volume from beside the camera
+        that frames it, unless it emits by itself.
     camera : PerspectiveCamera or OrthographicCamera, optional
         None frames the volume, and `target_error` is then meant for voxels, not for pixels.
     photons : int, optional
@@ -101,7 +102,7 @@ def simulate(
     progress : bool or callable, optional
         None: a tqdm bar where tqdm is installed and somebody watches. A function is called with
         (fraction done, info) and stops the run by returning False.
-    emission, detector, photoelectric
+    detector, photoelectric
         Not yet available.
 
     Returns
@@ -118,7 +119,7 @@ def simulate(
     Notes
     -----
     Solves the stationary radiative transfer equation
-    (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' for the radiance L.
+    (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' + L_e for the radiance L.
     """
     scene, settings, progress = _parse(locals())
     with reporting(progress) as report:
@@ -166,6 +167,8 @@ def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
     medium = _medium(arguments)
     box: tuple[Any, Any, Any] = (medium.density.shape, medium.spacing, medium.origin)
     camera, light, albedo = arguments["camera"], arguments["light"], medium.albedo
+    if light is None and medium.emission is not None:
+        light = ()
     return {
         "density": medium.density,
         "spacing": medium.spacing,
@@ -174,6 +177,7 @@ def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
         "extinction": channels(medium.extinction),
         "albedo": albedo if isinstance(albedo, np.ndarray) else channels(albedo),
         "phase": as_phase(medium.phase)._spec(),
+        "emission": emission_planes(medium),
         "lights": tuple(
             _mcrt.default_lights(*box)
             if light is None

@@ -74,6 +74,8 @@ def save_exr(result: "Result", path: str | PathLike[str], camera: "Camera | None
     layers = {"": total, "total.": total}
     layers["order0."] = result.image(camera, 0)
     layers["order1."] = result.image(camera, 1)
+    if result._scene.get("emission") is not None:
+        layers["emission."] = result.image(camera, "emission")
     if result.plan.method != "single":
         layers["order2plus."] = result.image(camera, "2+")
     channels = {}

@@ -37,6 +37,8 @@ pub fn memory(plan: &Plan) -> Memory {
     };
     let mut parts = vec![
         ("density (input)", voxels * 4),
+        ("emission (input)", voxels * 4 * plan.scene.medium.emission.as_ref().map_or(0, |e| e.channels() as u64)),
+        ("maps of the sky", plan.scene.lights.iter().map(map_bytes).sum()),
         ("tally bins", values * 4 * (words(plan) * bin_sets(plan)) as u64),
         ("moments", values * 12 * moments),
         ("replicate volumes", values * 4 * (plan.sums() * plan.width()) as u64),
@@ -53,6 +55,16 @@ pub fn memory(plan: &Plan) -> Memory {
 
 /// Tally bins of all threads beyond this are shared.
 const PRIVATE_BINS: usize = 128 << 20;
+
+/// Bytes of the map of a light and of the tables that its directions are drawn from.
+fn map_bytes(light: &Light) -> u64 {
+    match light {
+        Light::Environment { map: Some(map), .. } => {
+            map.size().iter().map(|&m| m as u64).product::<u64>() * (4 * map.channels() as u64 + 16)
+        }
+        _ => 0,
+    }
+}
 
 /// Number of light grids.
 fn light_grids(plan: &Plan) -> usize {

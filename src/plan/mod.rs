@@ -16,7 +16,7 @@ pub use settings::{Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
 use crate::physics::harmonics::count;
-use crate::scene::{Light, Scene};
+use crate::scene::{Emission as Glow, Light, Scene};
 use cost::Memory;
 
 /// A decision with its reason, as EXPLAIN prints them.
@@ -170,20 +170,12 @@ impl<'a> Plan<'a> {
             }
             lights
         };
-        let (tracker, majorant) = choose_tracker(scene, settings, chromatic, &mut why)?;
-        let lanes = allows_lanes(scene, settings, chromatic) && tracker != Tracker::March;
-        why.push(
-            "walk",
-            if lanes { "in lanes" } else { "one by one" }.into(),
-            match (settings.simd, tracker) {
-                (Some(Simd::Scalar), _) => "MCRT_SIMD = scalar",
-                _ if chromatic => "extinction differs between channels",
-                (_, Tracker::March) => "the march goes voxel by voxel",
-                _ if !lanes => "there are more than 2^32 voxels",
-                _ => "photons take the same steps",
-            }
-            .into(),
-        );
+        let refusal = refuses_lanes(scene, settings, method, chromatic);
+        let (tracker, majorant) = choose_tracker(scene, settings, chromatic, refusal.is_none(), &mut why)?;
+        let refusal = refusal.or((tracker == Tracker::March).then_some("the march goes voxel by voxel"));
+        let lanes = refusal.is_none();
+        let walk = if lanes { "in lanes" } else { "one by one" };
+        why.push("walk", walk.into(), refusal.unwrap_or("photons take the same steps").into());
         let score = match tracker {
             Tracker::Woodcock => Score::Collisions,
             Tracker::March => Score::Track,
@@ -196,11 +188,17 @@ impl<'a> Plan<'a> {
             return scene_error("tracker = \"analytic\" needs a homogeneous volume; this one is not constant");
         }
 
-        let shoots = lights.iter().any(|l| l.emission != Emission::Nothing);
+        let emits = medium.emission.as_ref().is_some_and(|glow| glow.power(volume).iter().any(|&power| power > 0.0));
+        let emits_photons = emits && method != Method::Path;
+        let shooting = lights.iter().filter(|l| l.emission != Emission::Nothing).count() + usize::from(emits_photons);
+        let shoots = shooting > 0;
+        if let Some(glow) = &medium.emission {
+            why.emission(glow, emits, method);
+        }
         let (harmonics, truncation) = angular::choose(scene, settings, target_error, &mut why);
         let (layers, routes) = match method {
             Method::Path => (Vec::new(), [(None, None); 3]),
-            _ => choose_layers(scene, settings, &lights, shoots_scattered, orders, harmonics.is_some()),
+            _ => choose_layers(scene, settings, (&lights, emits), shoots_scattered, orders, harmonics.is_some()),
         };
         let harmonics = harmonics
             .filter(|_| layers.iter().any(|layer| matches!(layer, Layer::Harmonics | Layer::HarmonicsUnscattered)));
@@ -213,8 +211,7 @@ impl<'a> Plan<'a> {
             (true, _) => 8,
         };
         let (batch_photons, batches) = if shoots {
-            let emitters = lights.iter().filter(|l| l.emission != Emission::Nothing).count() as u64;
-            choose_batches(settings, emitters, volume.voxels(), subvolumes, photons_per_second)?
+            choose_batches(settings, shooting as u64, volume.voxels(), subvolumes, photons_per_second)?
         } else {
             (0, Some(0))
         };
@@ -356,6 +353,18 @@ impl Explain {
         self.decisions.push(Decision { name, choice, reason });
     }
 
+    fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {
+        let (choice, reason) = if emits && method == Method::Path {
+            ("met by paths between their vertices", "seen directly it is integrated along view rays")
+        } else if emits {
+            ("photons start in the medium, drawn by what it emits", "seen directly it is integrated along view rays")
+        } else {
+            ("no photons", "it is zero everywhere")
+        };
+        let colour = if glow.channels() > 1 { "RGB" } else { "grey" };
+        self.push("emission", format!("{colour}: {choice}"), reason.into());
+    }
+
     fn connection(&mut self, light: &Light, how: &Connection) {
         let (choice, reason) = match how {
             Connection::Corrected(chance) => (
@@ -444,17 +453,25 @@ fn choose_method(
 /// is so skew that a standard error does not describe it.
 pub const LEAST_SCORED_DEPTH: f64 = 0.3;
 
-/// Whether the settings, the kind of extinction and the number of voxels (lanes count them in 32 bits) let photons walk in
-/// lanes.
-fn allows_lanes(scene: &Scene, settings: &Settings, chromatic: bool) -> bool {
-    let countable = u32::try_from(scene.medium.volume.voxels()).is_ok();
-    settings.simd != Some(Simd::Scalar) && !chromatic && countable
+/// Why photons or paths must be walked one by one, whatever the tracker; `None` where lanes may walk them.
+fn refuses_lanes(scene: &Scene, settings: &Settings, method: Method, chromatic: bool) -> Option<&'static str> {
+    let path = method == Method::Path;
+    match settings.simd {
+        Some(Simd::Scalar) => Some("MCRT_SIMD = scalar"),
+        _ if chromatic => Some("extinction differs between channels"),
+        _ if !path && scene.is_many_coloured() => Some("each photon has a colour of its own"),
+        _ if path && scene.medium.emission.is_some() => Some("flights gather what the medium emits"),
+        // Lanes count voxels in 32 bits.
+        _ if u32::try_from(scene.medium.volume.voxels()).is_err() => Some("there are more than 2^32 voxels"),
+        _ => None,
+    }
 }
 
 fn choose_tracker(
     scene: &Scene,
     settings: &Settings,
     chromatic: bool,
+    lanes: bool,
     why: &mut Explain,
 ) -> Result<(Tracker, Option<MajorantGrid>)> {
     let medium = &scene.medium;
@@ -462,7 +479,7 @@ fn choose_tracker(
     let h = volume.spacing();
     let mean_h = 3.0 / h.iter().map(|h| 1.0 / h).sum::<f64>();
     let depth = medium.extinction.max() * mean_h;
-    let costs = if allows_lanes(scene, settings, chromatic) {
+    let costs = if lanes {
         let least = if settings.fluence || settings.radiance { LEAST_SCORED_DEPTH } else { 0.0 };
         StepCosts { least, ..StepCosts::LANES }
     } else {
@@ -517,15 +534,15 @@ fn choose_tracker(
 fn choose_layers(
     scene: &Scene,
     settings: &Settings,
-    lights: &[LightPlan],
+    (lights, emits): (&[LightPlan], bool),
     scattered: bool,
     orders: u32,
     harmonics: bool,
 ) -> (Vec<Layer>, [Route; 3]) {
     let isotropic = scene.medium.phase.is_isotropic();
     let wants_source = orders > 0 && (settings.radiance || settings.image);
-    let sampled = lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
-    let scattered = scattered && lights.iter().any(|l| l.emission != Emission::Nothing);
+    let sampled = emits || lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
+    let scattered = scattered && (emits || lights.iter().any(|l| l.emission != Emission::Nothing));
     let mut layers = Vec::new();
     let mut add = |wanted: bool, layer: Layer| {
         wanted.then(|| {

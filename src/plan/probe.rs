@@ -135,7 +135,7 @@ mod tests {
         let medium = Medium::new(volume, grey(extinction), Albedo::Constant(grey(0.9)), phase).expect("valid");
         let light = Light::directional(towards, &[1.0]).expect("valid");
         let camera = Camera::perspective([30.0, -30.0, 20.0], [6.0; 3], [0.0, 0.0, 1.0], 20.0, [9, 9]).expect("valid");
-        interpolation_error(&Scene::new(medium, vec![light], camera), &light)
+        interpolation_error(&Scene::new(medium, vec![light.clone()], camera), &light)
     }
 
     #[test]

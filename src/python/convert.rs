@@ -4,8 +4,9 @@ use crate::error::Error;
 use crate::physics::Phase;
 use crate::plan::{Angular, Settings};
 use crate::scene::camera::Eye;
-use crate::scene::{Albedo, Camera, Light, Medium, Scene, Spectrum, Volume};
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use crate::scene::environment::Map;
+use crate::scene::{Albedo, Camera, Emission, Light, Medium, Scene, Spectrum, Volume};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray3, PyReadonlyArray4, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySequence};
 
@@ -60,7 +61,15 @@ pub fn light(spec: &Bound<'_, PyAny>) -> PyResult<Light> {
         "point" => Light::point(point(&at(1)?)?, &numbers(&at(2)?)?),
         "pencil" => Light::pencil(point(&at(1)?)?, point(&at(2)?)?, &numbers(&at(3)?)?),
         "directional" => Light::directional(point(&at(1)?)?, &numbers(&at(2)?)?),
-        "environment" => Light::environment(&numbers(&at(1)?)?),
+        "environment" => match at(1)?.extract::<PyReadonlyArrayDyn<f32>>() {
+            Ok(map) => {
+                let (shape, texels) = (map.shape(), map.as_slice()?.to_vec());
+                let [height, width] = [0, 1].map(|axis| shape.get(axis).copied().unwrap_or(0));
+                let channels = shape.get(2).copied().unwrap_or(1);
+                py.detach(|| Map::new(texels, width, height, channels).and_then(Light::environment_map))
+            }
+            Err(_) => Light::environment(&numbers(&at(1)?)?),
+        },
         _ => Err(Error::Scene(format!("light {kind:?} is not known"))),
     }
     .map_err(|e| to_py(py, e))
@@ -118,6 +127,8 @@ pub fn box_size(py: Python<'_>, shape: [usize; 3], spacing: [f64; 3], origin: [f
 pub struct Held<'py> {
     density: PyReadonlyArray3<'py, f32>,
     albedo: Option<PyReadonlyArray3<'py, f32>>,
+    /// (channel, z, y, x)
+    emission: Option<PyReadonlyArray4<'py, f32>>,
 }
 
 impl<'py> Held<'py> {
@@ -125,7 +136,11 @@ impl<'py> Held<'py> {
     pub fn new(scene: &Bound<'py, PyDict>) -> PyResult<Self> {
         let albedo = get(scene, "albedo")?;
         let albedo = albedo.extract::<PyReadonlyArray3<f32>>().ok();
-        Ok(Held { density: get(scene, "density")?.extract::<PyReadonlyArray3<f32>>()?, albedo })
+        let emission = match scene.get_item("emission")? {
+            Some(values) if !values.is_none() => Some(values.extract::<PyReadonlyArray4<f32>>()?),
+            _ => None,
+        };
+        Ok(Held { density: get(scene, "density")?.extract::<PyReadonlyArray3<f32>>()?, albedo, emission })
     }
 
     /// Parses the scene.
@@ -156,6 +171,14 @@ impl<'py> Held<'py> {
             None => Albedo::Constant(Spectrum::new(&numbers(&get(dict, "albedo")?)?, "albedo").map_err(fail)?),
         };
         let medium = Medium::new(volume, extinction, albedo, phase(&get(dict, "phase")?)?).map_err(fail)?;
+        let emission = match &self.emission {
+            Some(values) => {
+                let (shape, values) = (values.shape(), values.as_slice()?);
+                Some(py.detach(|| Emission::new(values, shape[0], &medium.volume)).map_err(fail)?)
+            }
+            None => None,
+        };
+        let medium = medium.emitting(emission);
         let lights = get(dict, "lights")?.try_iter()?.map(|l| light(&l?)).collect::<PyResult<Vec<_>>>()?;
         Ok(Scene::new(medium, lights, camera(&get(dict, "camera")?)?))
     }

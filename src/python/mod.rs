@@ -4,7 +4,7 @@ mod convert;
 mod watch;
 
 use crate::backend::cpu::angular::Towards;
-use crate::backend::cpu::gather::{Volumes, background, beams, image};
+use crate::backend::cpu::gather::{Volumes, beams, image, scattered};
 use crate::backend::cpu::{self, pixel_error};
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
@@ -153,7 +153,7 @@ fn gather<'py>(
     }
     let k = if replicates { stored.replicates() } else { 0 };
     let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
-    cost::check_image(pixels, (channels * (4 + k)) as u64).map_err(|e| to_py(py, e))?;
+    cost::check_image(pixels, (channels * (6 + k)) as u64).map_err(|e| to_py(py, e))?;
     let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
     let occupancy = occupancy.as_ref();
     let columns: Vec<_> =
@@ -197,7 +197,7 @@ fn gather<'py>(
             let error = own_sub.as_deref().or(subvolumes).map(|s| {
                 let each =
                     Volumes { scene: &parsed, occupancy, lights: Vec::new(), source: Some(s), source0: None, channels };
-                pixel_error::spread(&image(&each, &camera, None, channels * k, &stop).order2, k).1
+                pixel_error::spread(&scattered(&each, &camera, None, channels * k, &stop).order2, k).1
             });
             let bias = source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
             (picture, error, bias)
@@ -205,10 +205,9 @@ fn gather<'py>(
     })?;
     let shape = [camera.resolution[1], camera.resolution[0]];
     let out = PyDict::new(py);
-    let behind = background(&parsed);
-    let background = picture.transmittance.iter().enumerate().map(|(at, t)| behind[at % channels] * t).collect();
     let empty = vec![0.0; picture.order1.len()];
-    out.set_item("background", array(py, background, &shape, channels, 1)?)?;
+    out.set_item("background", array(py, picture.background, &shape, channels, 1)?)?;
+    out.set_item("emitted", array(py, picture.emitted, &shape, channels, 1)?)?;
     out.set_item("order1", array(py, picture.order1, &shape, channels, 1)?)?;
     out.set_item("order2", array(py, picture.order2, &shape, channels, 1)?)?;
     out.set_item("transmittance", array(py, picture.transmittance, &shape, channels, 1)?)?;

@@ -111,6 +111,27 @@ impl Corners {
         let y1 = x[2] + u[1] * (x[3] - x[2]);
         y0 + u[2] * (y1 - y0)
     }
+
+    /// The interpolated value along `u + s w` as the coefficients of a cubic in `s`.
+    #[inline]
+    pub fn cubic(&self, u: [f64; 3], w: [f64; 3]) -> [f64; 4] {
+        let x: [[f64; 2]; 4] = std::array::from_fn(|i| {
+            let (low, rise) = (f64::from(self.0[0][i]), f64::from(self.0[1][i]) - f64::from(self.0[0][i]));
+            [low + u[0] * rise, w[0] * rise]
+        });
+        let y = |a: [f64; 2], b: [f64; 2]| {
+            let rise = [b[0] - a[0], b[1] - a[1]];
+            [a[0] + u[1] * rise[0], a[1] + u[1] * rise[1] + w[1] * rise[0], w[1] * rise[1]]
+        };
+        let (low, high) = (y(x[0], x[1]), y(x[2], x[3]));
+        let rise: [f64; 3] = std::array::from_fn(|i| high[i] - low[i]);
+        [
+            low[0] + u[2] * rise[0],
+            low[1] + u[2] * rise[1] + w[2] * rise[0],
+            low[2] + u[2] * rise[2] + w[2] * rise[1],
+            w[2] * rise[2],
+        ]
+    }
 }
 
 /// Up to half a voxel either way along an axis, from ten bits of a word each: what [`Field::one_read`] moves a point by.
@@ -197,6 +218,12 @@ impl<'a> Field<'a> {
     #[inline(always)]
     pub fn values(&self) -> &'a [f32] {
         self.values
+    }
+
+    /// The length to where a line from within leaves the box.
+    #[inline(always)]
+    pub fn leave(&self, p: V3, v: V3) -> f32 {
+        leave(p, v, self.n).1
     }
 
     /// The value everywhere, where it is known to be constant.

@@ -1,10 +1,13 @@
 //! Lights. Each gives its power into the world, and says where its unscattered light comes from.
 
+use super::environment::Map;
 use super::{Spectrum, direction, finite};
 use crate::error::Result;
+use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// The closed set of lights; positions in world coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Light {
     /// An isotropic point of the given intensity [W/sr].
     Point {
@@ -29,10 +32,12 @@ pub enum Light {
         /// Irradiance on a plane normal to it [W/area].
         irradiance: Spectrum,
     },
-    /// The same radiance from all directions [W/(area sr)].
+    /// Radiance from all directions [W/(area sr)]: the same from each, or that of a map.
     Environment {
-        /// Radiance.
+        /// Radiance; with a map the largest of each channel.
         radiance: Spectrum,
+        /// Radiance by direction, where it is not constant.
+        map: Option<Arc<Map>>,
     },
 }
 
@@ -64,7 +69,16 @@ impl Light {
 
     /// A constant environment.
     pub fn environment(radiance: &[f64]) -> Result<Self> {
-        Ok(Light::Environment { radiance: Spectrum::new(radiance, "EnvironmentLight: radiance")? })
+        Ok(Light::Environment { radiance: Spectrum::new(radiance, "EnvironmentLight: radiance")?, map: None })
+    }
+
+    /// The environment of a map, which is a constant one where all its texels are equal.
+    pub fn environment_map(map: Map) -> Result<Self> {
+        if let Some(texel) = map.constant() {
+            return Self::environment(&texel.iter().map(|&v| f64::from(v)).collect::<Vec<_>>());
+        }
+        let radiance = Spectrum::new(&map.max()[..map.channels()], "EnvironmentLight: radiance")?;
+        Ok(Light::Environment { radiance, map: Some(Arc::new(map)) })
     }
 
     /// The name of its kind in Python.
@@ -83,21 +97,24 @@ impl Light {
             Light::Point { intensity, .. } => intensity,
             Light::Pencil { power, .. } => power,
             Light::Directional { irradiance, .. } => irradiance,
-            Light::Environment { radiance } => radiance,
+            Light::Environment { radiance, .. } => radiance,
         }
     }
 
-    /// What the light emits, per unit of its value, into a world that holds a box of this size [W]: 4 pi; 1; the box's
-    /// projected area; pi times the box's surface.
-    pub fn launched(&self, size: [f64; 3]) -> f64 {
-        match self {
-            Light::Point { .. } => 4.0 * std::f64::consts::PI,
+    /// What the light emits into a world that holds a box of this size [W], by channel: 4 pi times the intensity; the power;
+    /// the irradiance times the box's projected area; the integral of radiance times projected area over all directions,
+    /// which of a constant radiance is pi times the box's surface.
+    pub fn launched(&self, size: [f64; 3]) -> [f64; 3] {
+        let scale = match self {
+            Light::Point { .. } => 4.0 * PI,
             Light::Pencil { .. } => 1.0,
             Light::Directional { direction, .. } => projected_area(*direction, size),
-            Light::Environment { .. } => {
-                2.0 * std::f64::consts::PI * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+            Light::Environment { map: Some(map), .. } => return map.projected(size),
+            Light::Environment { map: None, .. } => {
+                2.0 * PI * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
             }
-        }
+        };
+        self.value().rgb.map(|value| value * scale)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The medium: sigma_t = extinction * density [1/length], sigma_s = albedo * sigma_t, and a phase function.
 
+use super::field::Field;
 use super::{Spectrum, Volume};
 use crate::error::{Result, scene_error};
 use crate::physics::Phase;
@@ -13,6 +14,62 @@ pub enum Albedo<'a> {
     PerVoxel(&'a [f32]),
 }
 
+/// The source term L_e [radiance/length] in each voxel, interpolated as the density is; it shines where that is zero too.
+#[derive(Debug, Clone)]
+pub struct Emission<'a> {
+    /// One plane of voxels per channel, x fastest.
+    planes: Vec<&'a [f32]>,
+    /// Sums over all voxels.
+    sums: [f64; 3],
+}
+
+impl<'a> Emission<'a> {
+    /// From one plane of all voxels or three (RGB), one after the other: finite, not negative. The error counts the bad
+    /// ones and gives the first index (k, j, i), or (k, j, i, channel).
+    pub fn new(values: &'a [f32], channels: usize, volume: &Volume) -> Result<Self> {
+        let voxels = volume.voxels();
+        if !matches!(channels, 1 | 3) || values.len() != voxels * channels {
+            return scene_error(format!(
+                "emission has {} values in {channels} channels and the volume {voxels} voxels; each needs 1 or 3 (RGB)",
+                values.len()
+            ));
+        }
+        let bad = |v: &&f32| !(v.is_finite() && **v >= 0.0);
+        if let Some(first) = values.iter().position(|v| bad(&v)) {
+            let (count, n, at) = (values.iter().filter(bad).count(), volume.n(), first % voxels);
+            let (k, j, i) = (at / (n[0] * n[1]), at / n[0] % n[1], at % n[0]);
+            let channel = if channels > 1 { format!(", {}", first / voxels) } else { String::new() };
+            return scene_error(format!(
+                "{count} values of emission are NaN, infinite or negative, the first at index ({k}, {j}, {i}{channel}): {}",
+                values[first]
+            ));
+        }
+        let radiance = f64::from(values.iter().copied().fold(0.0, f32::max)) * volume.size().iter().sum::<f64>();
+        if radiance > 1e30 {
+            return scene_error(format!("emission * size reaches a radiance of {radiance:e}; up to 1e30 is allowed"));
+        }
+        let planes: Vec<&[f32]> = values.chunks(voxels).collect();
+        let sums = std::array::from_fn(|c| planes[c % channels].iter().map(|&v| f64::from(v)).sum());
+        Ok(Emission { planes, sums })
+    }
+
+    /// 1, or 3 if it is RGB.
+    pub fn channels(&self) -> usize {
+        self.planes.len()
+    }
+
+    /// The source term of a channel.
+    pub fn field(&self, channel: usize, volume: &Volume) -> Field<'a> {
+        Field::new(self.planes[channel % self.planes.len()], volume)
+    }
+
+    /// What the medium emits [W], by channel: 4 pi times the volume integral of the source term. Each voxel has the mass 1
+    /// in that, with interpolation (clamped at the border) too.
+    pub fn power(&self, volume: &Volume) -> [f64; 3] {
+        self.sums.map(|sum| 4.0 * std::f64::consts::PI * sum * volume.voxel_volume())
+    }
+}
+
 /// A participating medium in a voxel box.
 #[derive(Debug, Clone)]
 pub struct Medium<'a> {
@@ -24,6 +81,8 @@ pub struct Medium<'a> {
     pub albedo: Albedo<'a>,
     /// The phase function.
     pub phase: Phase,
+    /// What it emits by itself.
+    pub emission: Option<Emission<'a>>,
 }
 
 impl<'a> Medium<'a> {
@@ -60,12 +119,19 @@ impl<'a> Medium<'a> {
                 "extinction * density * size reaches an optical depth of {depth:e}; below 1e12 is allowed"
             ));
         }
-        Ok(Medium { volume, extinction, albedo, phase })
+        Ok(Medium { volume, extinction, albedo, phase, emission: None })
+    }
+
+    /// The same medium, which emits.
+    pub fn emitting(self, emission: Option<Emission<'a>>) -> Self {
+        Medium { emission, ..self }
     }
 
     /// Whether a coefficient was given as RGB.
     pub fn is_rgb(&self) -> bool {
-        self.extinction.is_rgb || matches!(self.albedo, Albedo::Constant(a) if a.is_rgb)
+        self.extinction.is_rgb
+            || matches!(self.albedo, Albedo::Constant(a) if a.is_rgb)
+            || self.emission.as_ref().is_some_and(|emission| emission.channels() > 1)
     }
 
     /// Whether the channels differ in extinction.

@@ -2,6 +2,7 @@
 //! box's lower corner, in f64.
 
 pub mod camera;
+pub mod environment;
 pub mod field;
 pub mod light;
 pub mod medium;
@@ -9,7 +10,7 @@ pub mod volume;
 
 pub use camera::Camera;
 pub use light::Light;
-pub use medium::{Albedo, Medium};
+pub use medium::{Albedo, Emission, Medium};
 pub use volume::Volume;
 
 use crate::error::{Result, scene_error};
@@ -71,6 +72,15 @@ impl<'a> Scene<'a> {
     pub fn channels(&self) -> usize {
         let rgb = self.medium.is_rgb() || self.lights.iter().any(|l| l.value().is_rgb);
         if rgb { 3 } else { 1 }
+    }
+
+    /// Whether the colour of emitted light changes with its place or direction.
+    pub fn is_many_coloured(&self) -> bool {
+        let map = |light: &Light| match light {
+            Light::Environment { map: Some(map), .. } => map.channels() > 1,
+            _ => false,
+        };
+        self.medium.emission.as_ref().is_some_and(|e| e.channels() > 1) || self.lights.iter().any(map)
     }
 }
 

@@ -1,12 +1,13 @@
-//! Where photons start: at a light, or at their first collision.
+//! Where photons start: at a light, within an emitting medium, or at their first collision.
 
 use super::light::{Illumination, beam_entry};
 use super::track::enter;
 use crate::physics::Real;
 use crate::physics::flight::box_solid_angle;
-use crate::physics::frame::rotate;
+use crate::physics::frame::{rotate, sphere};
 use crate::physics::rng::{Draws, uniform64};
 use crate::plan::{Direct, Emission, LightPlan};
+use crate::scene::environment::Shower;
 use crate::scene::field::{Field, V3};
 use crate::scene::{Light, Scene};
 use rayon::prelude::*;
@@ -24,6 +25,15 @@ pub enum Start {
         /// Unit direction.
         direction: V3,
     },
+    /// It does so with weights by channel of its own (those of lights of many colours).
+    Coloured {
+        /// Voxel coordinates.
+        p: V3,
+        /// Unit direction.
+        direction: V3,
+        /// Weight relative to the emitter's photon.
+        weight: [f32; 3],
+    },
     /// It is at its first collision, with weights by channel.
     Collision {
         /// Voxel coordinates.
@@ -38,9 +48,11 @@ pub enum Start {
 /// How an emitter places its photons.
 enum Kind<'a> {
     Point { position: [f64; 3], axis: [f64; 3], cap: f64 },
-    Pencil { p: V3 },
+    Pencil { p: V3, direction: [f64; 3] },
     Directional { direction: [f64; 3], faces: [f64; 3] },
     Environment { faces: [f64; 3] },
+    Map { shower: Shower<'a>, faces: [f64; 3] },
+    Medium(Glowing<'a>),
     FirstCollision(FirstCollisions<'a>),
 }
 
@@ -55,6 +67,79 @@ pub struct FirstCollisions<'a> {
     extinction: [f32; 3],
     volume: f32,
     n: [usize; 2],
+}
+
+/// An emitting medium, whose voxels are drawn by what they emit in all channels together.
+struct Glowing<'a> {
+    fields: Vec<Field<'a>>,
+    /// Sums of the voxels' values up to the end of each row along x.
+    rows: Vec<f64>,
+    n: [usize; 2],
+}
+
+impl<'a> Glowing<'a> {
+    fn new(fields: Vec<Field<'a>>) -> Self {
+        let n = fields[0].n().map(|m| m as usize);
+        let mut rows: Vec<f64> = (0..n[1] * n[2])
+            .into_par_iter()
+            .map(|row| (row * n[0]..(row + 1) * n[0]).map(|at| sum_of(&fields, at)).sum())
+            .collect();
+        let mut total = 0.0;
+        for row in &mut rows {
+            total += *row;
+            *row = total;
+        }
+        Glowing { fields, rows, n: [n[0], n[1]] }
+    }
+
+    /// The voxel at the part `u` of all emission.
+    fn find(&self, u: f64) -> [usize; 3] {
+        let target = u * self.rows[self.rows.len() - 1];
+        let row = self.rows.partition_point(|&sum| sum <= target).min(self.rows.len() - 1);
+        let mut rest = target - if row > 0 { self.rows[row - 1] } else { 0.0 };
+        let [nx, ny] = self.n;
+        // Rounding may run over the end of the row: then the last voxel that emits.
+        let mut found = 0;
+        for i in 0..nx {
+            let value = sum_of(&self.fields, row * nx + i);
+            if value > 0.0 {
+                found = i;
+                if rest < value {
+                    break;
+                }
+                rest -= value;
+            }
+        }
+        [found, row % ny, row / ny]
+    }
+
+    /// A place of a voxel's light, from six uniform numbers: uniform over it, or distributed as its hat of interpolation, the
+    /// sum of two uniform numbers, which is folded back at the box's faces (where values are clamped).
+    fn place(&self, voxel: [usize; 3], xi: [f64; 6]) -> [f64; 3] {
+        let n = self.fields[0].n();
+        std::array::from_fn(|a| {
+            let low = voxel[a] as f64;
+            if !self.fields[0].linear() {
+                return low + xi[a];
+            }
+            let p = (low + xi[a] + xi[a + 3] - 0.5).abs();
+            let top = f64::from(n[a]);
+            if p > top { 2.0 * top - p } else { p }
+        })
+    }
+
+    /// Each channel's part of the emission at a point.
+    fn colour(&self, p: V3) -> [f32; 3] {
+        let values: [f32; 3] = std::array::from_fn(|c| self.fields[c % self.fields.len()].at(p));
+        let sum: f32 = values.iter().sum();
+        if sum > 0.0 { values.map(|v| v / sum) } else { [0.0; 3] }
+    }
+}
+
+/// The sum of some fields in a voxel.
+#[inline(always)]
+fn sum_of(fields: &[Field], at: usize) -> f64 {
+    fields.iter().map(|field| f64::from(field.values()[at])).sum()
 }
 
 /// How far the search for voxels has come: it goes on from here, for photons come in the order of their voxels.
@@ -126,7 +211,12 @@ pub struct Emitter<'a> {
 
 impl<'a> Emitter<'a> {
     /// The emitter of a light, `None` where it shoots nothing or misses the box altogether.
-    pub fn new(scene: &Scene<'a>, light: &Light, plan: &LightPlan, view: Option<&Illumination<'a>>) -> Option<Self> {
+    pub fn new(
+        scene: &'a Scene<'a>,
+        light: &'a Light,
+        plan: &LightPlan,
+        view: Option<&Illumination<'a>>,
+    ) -> Option<Self> {
         let volume = &scene.medium.volume;
         let (size, h) = (volume.size(), volume.spacing());
         let top = light.value().max();
@@ -142,19 +232,26 @@ impl<'a> Emitter<'a> {
             }
             (_, Light::Pencil { position, direction, .. }) => {
                 let (p, _, _) = beam_entry(scene, *position, *direction)?;
-                (Kind::Pencil { p }, top)
+                (Kind::Pencil { p, direction: *direction }, top)
             }
             (_, Light::Directional { direction, .. }) => {
                 let faces: [f64; 3] = std::array::from_fn(|a| direction[a].abs() * areas[a]);
                 (Kind::Directional { direction: *direction, faces }, faces.iter().sum::<f64>() * top)
             }
-            (_, Light::Environment { .. }) => (Kind::Environment { faces: areas }, light.launched(size) * top),
+            (_, Light::Environment { map: None, .. }) => {
+                (Kind::Environment { faces: areas }, light.launched(size).into_iter().fold(0.0, f64::max))
+            }
+            (_, Light::Environment { map: Some(map), .. }) => {
+                let power = light.launched(size)[..map.channels()].iter().sum();
+                (Kind::Map { shower: Shower::new(map, size), faces: areas }, power)
+            }
         };
+        let weighted = matches!(kind, Kind::FirstCollision(_) | Kind::Map { .. });
         let colour = light.value().rgb.map(|v| (v / top) as f32);
         let emitter = Emitter {
             kind,
             power,
-            colour: if plan.emission == Emission::FirstCollision { [1.0; 3] } else { colour },
+            colour: if weighted { [1.0; 3] } else { colour },
             tallies_unscattered: plan.direct == Direct::Sampled,
             n: volume.n().map(|m| m as i32),
             h,
@@ -162,9 +259,24 @@ impl<'a> Emitter<'a> {
         (power > 0.0).then_some(emitter)
     }
 
+    /// The emitter of a medium that emits by itself, `None` where it does not.
+    pub fn medium(scene: &Scene<'a>) -> Option<Self> {
+        let volume = &scene.medium.volume;
+        let emission = scene.medium.emission.as_ref()?;
+        let power = emission.power(volume)[..emission.channels()].iter().sum();
+        (power > 0.0).then(|| Emitter {
+            kind: Kind::Medium(Glowing::new((0..emission.channels()).map(|c| emission.field(c, volume)).collect())),
+            power,
+            colour: [1.0; 3],
+            tallies_unscattered: true,
+            n: volume.n().map(|m| m as i32),
+            h: volume.spacing(),
+        })
+    }
+
     /// The start of a photon; `u` within (0, 1) is stratified over the emitter's photons.
     #[inline]
-    pub fn start(&self, light: &Light, u: f64, draws: &mut Draws) -> Start {
+    pub fn start(&self, u: f64, draws: &mut Draws) -> Start {
         let words = draws.next4();
         let (a, b) = (uniform64(words[0]), uniform64(words[1]));
         match &self.kind {
@@ -173,10 +285,7 @@ impl<'a> Emitter<'a> {
                 let direction = rotate(*axis, 1.0 - v, (v * (2.0 - v)).sqrt(), a);
                 self.enter_box(*position, direction)
             }
-            Kind::Pencil { p } => match light {
-                Light::Pencil { direction, .. } => Start::Flight { p: *p, direction: direction.map(|c| c as f32) },
-                _ => Start::Miss,
-            },
+            Kind::Pencil { p, direction } => Start::Flight { p: *p, direction: direction.map(|c| c as f32) },
             Kind::Directional { direction, faces } => {
                 let (axis, rest) = pick_face(faces, u);
                 let mut p = [0.0; 3];
@@ -197,6 +306,39 @@ impl<'a> Emitter<'a> {
                 // Lambertian entrance: cos^2 uniform.
                 let direction = rotate(inward, b.sqrt(), (1.0 - b).sqrt(), uniform64(words[2]));
                 Start::Flight { p: p.map(|c| c as f32), direction: direction.map(|c| c as f32) }
+            }
+            Kind::Map { shower, faces } => {
+                let more = || {
+                    let words = draws.next4();
+                    [
+                        uniform64(words[0]),
+                        uniform64(words[1]),
+                        (f64::from(words[2]) + uniform64(words[3])) / 4_294_967_296.0,
+                    ]
+                };
+                let Some((sky, weight)) = shower.draw(u, more) else { return Start::Miss };
+                let direction = sky.map(|c| -c);
+                let (axis, rest) = pick_face(&std::array::from_fn(|a| direction[a].abs() * faces[a]), a);
+                let mut p = [0.0; 3];
+                p[axis] = if direction[axis] > 0.0 { 0.0 } else { f64::from(self.n[axis]) };
+                p[(axis + 1) % 3] = rest * f64::from(self.n[(axis + 1) % 3]);
+                p[(axis + 2) % 3] = b * f64::from(self.n[(axis + 2) % 3]);
+                let (p, direction) = (p.map(|c| c as f32), direction.map(|c| c as f32));
+                match shower.channels() {
+                    1 => Start::Flight { p, direction },
+                    _ => Start::Coloured { p, direction, weight },
+                }
+            }
+            Kind::Medium(glowing) => {
+                let more = draws.next4();
+                let xi = [words[2], words[3], more[0], more[1], more[2], more[3]].map(uniform64);
+                let place = glowing.place(glowing.find(u), xi);
+                let p: V3 = std::array::from_fn(|a| place[a].clamp(0.0, f64::from(self.n[a])) as f32);
+                let direction = sphere(a, b).map(|c| c as f32);
+                match glowing.fields.len() {
+                    1 => Start::Flight { p, direction },
+                    _ => Start::Coloured { p, direction, weight: glowing.colour(p) },
+                }
             }
             Kind::FirstCollision(first) => {
                 let (voxel, share) = first.find(&mut Cursor::default(), u);

@@ -391,7 +391,7 @@ mod tests {
     fn even_steps_see_replicates_colours_and_several_lights() {
         let parallel = Light::directional([-1.0, 0.2, -0.5], &[1.0]).expect("valid");
         agree(both::<1, 8>(Phase::Isotropic, true, &[]));
-        agree(both::<3, 3>(Phase::Isotropic, false, &[parallel, point([80.0, -50.0, 90.0])]));
+        agree(both::<3, 3>(Phase::Isotropic, false, &[parallel.clone(), point([80.0, -50.0, 90.0])]));
         agree(both::<3, 24>(Phase::Rayleigh, false, &[parallel]));
     }
 

@@ -4,11 +4,14 @@
 //! voxel centres. Rays through smooth volumes take even steps (the neighbour [`super::even`]); the others walk each cell
 //! within which the density is one polynomial, cut into steps of at most half an optical depth with two Gauss points each.
 
+use super::emitted::Glow;
 use super::even::{Packed, suits};
 use super::light::{GAUSS, Illumination, Source, beam};
 use super::shoot::LocalEye;
 use crate::physics::Phase;
 use crate::physics::flight::box_range;
+use crate::scene::camera::Eye;
+use crate::scene::environment::Map;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene};
 use rayon::prelude::*;
@@ -43,6 +46,10 @@ pub struct Image {
     pub order2: Vec<f32>,
     /// Transmittance of the volume.
     pub transmittance: Vec<f32>,
+    /// Light that the medium emitted, weakened but not scattered.
+    pub emitted: Vec<f32>,
+    /// The environment, seen through the volume.
+    pub background: Vec<f32>,
 }
 
 /// One view ray's sums: `C` channels, `S` values of the source volume.
@@ -60,14 +67,35 @@ pub fn image(
     stride: usize,
     stop: &(impl Fn() -> bool + Sync),
 ) -> Image {
+    layers(volumes, camera, pixels, (stride, true), stop)
+}
+
+/// The same without what the medium emits and what lies behind it, whose layers stay zero.
+pub fn scattered(
+    volumes: &Volumes,
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    stride: usize,
+    stop: &(impl Fn() -> bool + Sync),
+) -> Image {
+    layers(volumes, camera, pixels, (stride, false), stop)
+}
+
+fn layers(
+    volumes: &Volumes,
+    camera: &Camera,
+    pixels: Option<&[usize]>,
+    (stride, whole): (usize, bool),
+    stop: &(impl Fn() -> bool + Sync),
+) -> Image {
     match (volumes.channels, stride) {
-        (1, 1) => gather::<1, 1>(volumes, camera, pixels, stop),
-        (1, 8) => gather::<1, 8>(volumes, camera, pixels, stop),
-        (1, 16) => gather::<1, 16>(volumes, camera, pixels, stop),
-        (3, 3) => gather::<3, 3>(volumes, camera, pixels, stop),
-        (3, 24) => gather::<3, 24>(volumes, camera, pixels, stop),
-        (3, 48) => gather::<3, 48>(volumes, camera, pixels, stop),
-        (channels, stride) => replicate_by_replicate(volumes, camera, pixels, channels, stride, stop),
+        (1, 1) => gather::<1, 1>(volumes, camera, pixels, whole, stop),
+        (1, 8) => gather::<1, 8>(volumes, camera, pixels, whole, stop),
+        (1, 16) => gather::<1, 16>(volumes, camera, pixels, whole, stop),
+        (3, 3) => gather::<3, 3>(volumes, camera, pixels, whole, stop),
+        (3, 24) => gather::<3, 24>(volumes, camera, pixels, whole, stop),
+        (3, 48) => gather::<3, 48>(volumes, camera, pixels, whole, stop),
+        (channels, stride) => replicate_by_replicate(volumes, camera, pixels, channels, (stride, whole), stop),
     }
 }
 
@@ -77,11 +105,11 @@ fn replicate_by_replicate(
     camera: &Camera,
     pixels: Option<&[usize]>,
     channels: usize,
-    stride: usize,
+    (stride, whole): (usize, bool),
     stop: &(impl Fn() -> bool + Sync),
 ) -> Image {
     let k = stride / channels;
-    let mut whole = Image::default();
+    let mut all = Image::default();
     for replicate in 0..k {
         let slice: Option<Vec<f32>> = volumes.source.map(|s| s.iter().skip(replicate).step_by(k).copied().collect());
         let part = Volumes {
@@ -92,24 +120,26 @@ fn replicate_by_replicate(
             source0: None,
             channels,
         };
-        let one = image(&part, camera, pixels, channels, stop);
+        let one = layers(&part, camera, pixels, (channels, whole && replicate == 0), stop);
         if replicate == 0 {
-            whole = Image { order2: vec![0.0; one.order2.len() * k], ..one.clone() };
+            all = Image { order2: vec![0.0; one.order2.len() * k], ..one.clone() };
         }
         for (at, value) in one.order2.iter().enumerate() {
-            whole.order2[at * k + replicate] = *value;
+            all.order2[at * k + replicate] = *value;
         }
     }
-    whole
+    all
 }
 
 fn gather<const C: usize, const S: usize>(
     volumes: &Volumes,
     camera: &Camera,
     pixels: Option<&[usize]>,
+    whole: bool,
     stop: &(impl Fn() -> bool + Sync),
 ) -> Image {
-    look(View::<C, S>::new(volumes), camera, pixels, stop)
+    let view = View::<C, S>::new(volumes);
+    look(if whole { view.whole() } else { view }, camera, pixels, stop)
 }
 
 /// The image of a view.
@@ -121,8 +151,13 @@ pub(super) fn look<const C: usize, const S: usize>(
 ) -> Image {
     let [width, height] = camera.resolution;
     let count = pixels.map_or(width * height, <[usize]>::len);
-    let mut image =
-        Image { order1: vec![0.0; count * C], order2: vec![0.0; count * S], transmittance: vec![1.0; count * C] };
+    let mut image = Image {
+        order1: vec![0.0; count * C],
+        order2: vec![0.0; count * S],
+        transmittance: vec![1.0; count * C],
+        emitted: vec![0.0; count * C],
+        background: vec![0.0; count * C],
+    };
     let fine = samples_per_axis(view.volumes.scene, camera);
     if view.even {
         let rays = (count * fine * fine) as f64;
@@ -137,8 +172,9 @@ pub(super) fn look<const C: usize, const S: usize>(
         .par_chunks_mut(TILE * C)
         .zip(image.order2.par_chunks_mut(TILE * S))
         .zip(image.transmittance.par_chunks_mut(TILE * C))
+        .zip(image.emitted.par_chunks_mut(TILE * C).zip(image.background.par_chunks_mut(TILE * C)))
         .enumerate()
-        .for_each(|(tile, ((order1, order2), transmittance))| {
+        .for_each(|(tile, (((order1, order2), transmittance), (emitted, background)))| {
             if stop() {
                 return;
             }
@@ -149,13 +185,13 @@ pub(super) fn look<const C: usize, const S: usize>(
                     Some(hits) => [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| hits[(y + v) * (width + 1) + x + u]),
                     None => [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| view.hits(camera, x + u, y + v)),
                 };
-                view.pixel(camera, (x as f64, y as f64), hits, fine, |one, more, through| {
-                    for c in 0..C {
-                        order1[at * C + c] = one[c];
-                        transmittance[at * C + c] = through[c];
-                    }
-                    order2[at * S..(at + 1) * S].copy_from_slice(more);
-                });
+                let pixel = view.pixel(camera, (x as f64, y as f64), hits, fine);
+                let own = at * C..(at + 1) * C;
+                order1[own.clone()].copy_from_slice(&pixel.order1);
+                order2[at * S..(at + 1) * S].copy_from_slice(&pixel.source);
+                transmittance[own.clone()].copy_from_slice(&pixel.through);
+                emitted[own.clone()].copy_from_slice(&pixel.emitted);
+                background[own].copy_from_slice(&pixel.background);
             }
         });
     image
@@ -191,6 +227,70 @@ pub(super) struct View<'a, const C: usize, const S: usize> {
     /// Whether rays take even steps, unless they pass a light.
     pub even: bool,
     pub packed: Option<Packed>,
+    glow: Option<Glow<'a>>,
+    backdrop: Option<Backdrop<'a>>,
+}
+
+/// The means over a pixel.
+struct Pixel<const C: usize, const S: usize> {
+    order1: [f32; C],
+    source: [f32; S],
+    through: [f32; C],
+    emitted: [f32; C],
+    background: [f32; C],
+}
+
+/// The environment behind the volume.
+struct Backdrop<'a> {
+    constant: [f32; 3],
+    maps: Vec<&'a Map>,
+}
+
+impl<'a> Backdrop<'a> {
+    /// That of a scene with an environment.
+    fn new(scene: &'a Scene) -> Option<Self> {
+        let mut backdrop = Backdrop { constant: [0.0; 3], maps: Vec::new() };
+        let mut any = false;
+        for light in &scene.lights {
+            let Light::Environment { radiance, map } = light else { continue };
+            any = true;
+            match map {
+                Some(map) => backdrop.maps.push(map),
+                None => (0..3).for_each(|c| backdrop.constant[c] += radiance.rgb[c] as f32),
+            }
+        }
+        any.then_some(backdrop)
+    }
+
+    /// Rays per pixel and axis that resolve the maps: four per texel.
+    fn samples(&self, camera: &Camera) -> usize {
+        // Of a perspective camera this is the angle of the pixel in the middle, its largest.
+        let angle = match camera.eye() {
+            Eye::Point(_) => camera.pixel_width(1.0),
+            Eye::Direction(_) => return 1,
+        };
+        let rows = self.maps.iter().map(|map| map.size()[1].max(map.size()[0] / 2)).max().unwrap_or(0);
+        let texels = angle * rows as f64 * std::f64::consts::FRAC_1_PI;
+        (4.0 * texels).ceil().clamp(if rows > 0 { 4.0 } else { 1.0 }, 24.0) as usize
+    }
+
+    /// The mean radiance over a square of pixels with the corner (x, y), from `n` by `n` rays.
+    fn mean(&self, camera: &Camera, (x, y): (f64, f64), side: f64, n: usize) -> [f32; 3] {
+        let mut sum = self.constant;
+        if self.maps.is_empty() {
+            return sum;
+        }
+        let weight = 1.0 / (n * n) as f32;
+        for at in 0..n * n {
+            let place = |i: usize| side * (i as f64 + 0.5) / n as f64;
+            let (_, d) = camera.ray(x + place(at % n), y + place(at / n));
+            for map in &self.maps {
+                let radiance = map.radiance(d.map(|c| c as f32));
+                (0..3).for_each(|c| sum[c] += weight * radiance[c]);
+            }
+        }
+        sum
+    }
 }
 
 impl<'a, const C: usize, const S: usize> View<'a, C, S> {
@@ -216,7 +316,15 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             h,
             even: suits(depth, medium.volume.linear(), medium.volume.is_constant()),
             packed: None,
+            glow: None,
+            backdrop: None,
         }
+    }
+
+    /// The same view, with what the medium emits and what lies behind it.
+    fn whole(self) -> Self {
+        let scene = self.volumes.scene;
+        View { glow: Glow::new(scene), backdrop: Backdrop::new(scene), ..self }
     }
 
     /// Whether the ray through a pixel's upper left corner meets the box.
@@ -238,14 +346,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
 
     /// The mean over the pixel with the upper left corner (x, y), of whose corners some meet the box.
     #[inline(always)]
-    fn pixel(
-        &self,
-        camera: &Camera,
-        (x, y): (f64, f64),
-        hits: [bool; 4],
-        fine: usize,
-        put: impl FnOnce(&[f32; C], &[f32; S], &[f32; C]),
-    ) {
+    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), hits: [bool; 4], fine: usize) -> Pixel<C, S> {
         let edge = hits.contains(&true) && hits.contains(&false);
         let centre = self.range(camera, x + 0.5, y + 0.5);
         let bright = match &centre {
@@ -253,28 +354,33 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             None => 1,
         };
         let n = fine.max(if edge { 8 } else { 1 }).max(bright);
-        let mut order1 = [0.0f32; C];
-        let mut source = [0.0f32; S];
-        let mut through = [0.0f32; C];
+        let finer = self.backdrop.as_ref().map_or(1, |backdrop| backdrop.samples(camera).div_ceil(n));
+        let mut mean =
+            Pixel { order1: [0.0; C], source: [0.0; S], through: [0.0; C], emitted: [0.0; C], background: [0.0; C] };
         let weight = 1.0 / (n * n) as f32;
         for at in 0..n * n {
-            let (u, v) = (((at % n) as f64 + 0.5) / n as f64, ((at / n) as f64 + 0.5) / n as f64);
-            match if n == 1 { centre } else { self.range(camera, x + u, y + v) } {
-                None => through = through.map(|t| t + weight),
-                Some(mut ray) => {
-                    ray.least_off /= n as f32;
-                    let sums = self.ray(&ray);
-                    for c in 0..C {
-                        order1[c] += weight * sums.order1[c];
-                        through[c] += weight * (-self.extinction[c] * sums.column).exp();
-                    }
-                    for s in 0..S {
-                        source[s] += weight * sums.source[s];
-                    }
+            let part = |i: usize, offset: f64| (i as f64 + offset) / n as f64;
+            let (u, v) = (part(at % n, 0.5), part(at / n, 0.5));
+            let mut through = [1.0f32; C];
+            if let Some(mut ray) = if n == 1 { centre } else { self.range(camera, x + u, y + v) } {
+                ray.least_off /= n as f32;
+                let sums = self.ray(&ray);
+                through = std::array::from_fn(|c| (-self.extinction[c] * sums.column).exp());
+                (0..C).for_each(|c| mean.order1[c] += weight * sums.order1[c]);
+                (0..S).for_each(|s| mean.source[s] += weight * sums.source[s]);
+                if let Some(glow) = &self.glow {
+                    let emitted = glow.along::<C>(ray.p, ray.v, ray.length);
+                    (0..C).for_each(|c| mean.emitted[c] += weight * emitted[c]);
                 }
             }
+            (0..C).for_each(|c| mean.through[c] += weight * through[c]);
+            if let Some(backdrop) = &self.backdrop {
+                let corner = (x + part(at % n, 0.0), y + part(at / n, 0.0));
+                let behind = backdrop.mean(camera, corner, 1.0 / n as f64, finer);
+                (0..C).for_each(|c| mean.background[c] += weight * through[c] * behind[c]);
+            }
         }
-        put(&order1, &source, &through);
+        mean
     }
 
     /// The ray through a point of the image, within the box.
@@ -548,17 +654,4 @@ pub fn beams(scene: &Scene, camera: &Camera, channels: usize) -> Option<Vec<f32>
         });
     }
     source
-}
-
-/// The environment's radiance behind the volume, by channel.
-pub fn background(scene: &Scene) -> [f32; 3] {
-    let mut sum = [0.0f32; 3];
-    for light in &scene.lights {
-        if let Light::Environment { radiance } = light {
-            for c in 0..3 {
-                sum[c] += radiance.rgb[c] as f32;
-            }
-        }
-    }
-    sum
 }

@@ -2,6 +2,7 @@
 
 pub mod angular;
 pub mod emit;
+mod emitted;
 mod even;
 pub mod flights;
 pub mod gather;
@@ -50,13 +51,14 @@ fn run_here(plan: &Plan, control: &Control) -> Result<Outcome> {
     let occupancy = occupancy.as_ref();
     let columns = light_grids(plan, occupancy, control);
     let views = illuminations(plan.scene, occupancy, plan.lights.iter().map(|l| l.column), &columns);
-    let emitters: Vec<(Emitter, Light)> = plan
+    let emitters: Vec<Emitter> = plan
         .scene
         .lights
         .iter()
         .zip(&plan.lights)
         .zip(&views)
-        .filter_map(|((light, how), view)| Some((Emitter::new(plan.scene, light, how, view.as_ref())?, *light)))
+        .filter_map(|((light, how), view)| Emitter::new(plan.scene, light, how, view.as_ref()))
+        .chain(Emitter::medium(plan.scene))
         .collect();
     if control.stopped() {
         return Err(Error::Interrupted);
@@ -159,7 +161,7 @@ impl Shot {
 
 fn shoot_grey<const C: usize>(
     plan: &Plan,
-    emitters: &[(Emitter, Light)],
+    emitters: &[Emitter],
     views: &[Option<Illumination>],
     occupancy: Option<&Occupancy>,
     control: &Control,
@@ -194,7 +196,7 @@ where
 
 fn shoot_chromatic(
     plan: &Plan,
-    emitters: &[(Emitter, Light)],
+    emitters: &[Emitter],
     views: &[Option<Illumination>],
     occupancy: Option<&Occupancy>,
     control: &Control,
@@ -227,7 +229,7 @@ fn bin_unit(plan: &Plan) -> f64 {
 fn batches<const C: usize>(
     plan: &Plan,
     engine: &impl Engine,
-    emitters: &[(Emitter, Light)],
+    emitters: &[Emitter],
     views: &[Option<Illumination>],
     occupancy: Option<&Occupancy>,
     control: &Control,
@@ -239,7 +241,7 @@ fn batches<const C: usize>(
     let mut bins: Vec<Vec<Bins>> = plan.layers.iter().map(|layer| (0..sets).map(|_| new(layer)).collect()).collect();
     let unit = bin_unit(plan);
     let mut walk = Walk { plan, emitters, bins: Vec::new(), sets, unit: unit as f32 };
-    let power: f64 = emitters.iter().map(|e| e.0.power).sum();
+    let power: f64 = emitters.iter().map(|e| e.power).sum();
     let round = plan.subvolumes.max(8) as u64;
     let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
     loop {

@@ -308,15 +308,17 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
     }
     for ((light, how), view) in scene.lights.iter().zip(&plan.lights).zip(views) {
         let emitted = light.launched(size);
+        // Of a light of value 1.
+        let (sphere, beamed) = (4.0 * std::f64::consts::PI, 1.0);
         let (missed, through, error) = match (light, how.emission, view) {
             (Light::Point { position, .. }, Emission::AtLight, _) => {
                 // Photons are sampled in a cone around the box; all else misses.
                 let local = scene.medium.volume.local(*position);
-                (emitted - super::emit::cone_solid_angle(local, size), [0.0; 3], 0.0)
+                (sphere - super::emit::cone_solid_angle(local, size), [0.0; 3], 0.0)
             }
             (Light::Point { position, .. }, _, Some(view)) => {
                 let (through, error) = unscattered(scene, view);
-                (emitted * (1.0 - hit_fraction(scene, *position)), through, error)
+                (sphere * (1.0 - hit_fraction(scene, *position)), through, error)
             }
             (Light::Directional { .. }, Emission::FirstCollision | Emission::Nothing, Some(view)) => {
                 let (through, error) = unscattered(scene, view);
@@ -324,7 +326,7 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
             }
             (Light::Pencil { position, direction, .. }, _, _) => {
                 match (beam(scene, *position, *direction, |_, _| {}), how.emission) {
-                    (None, _) => (emitted, [0.0; 3], 0.0),
+                    (None, _) => (beamed, [0.0; 3], 0.0),
                     (Some(_), Emission::AtLight) => (0.0, [0.0; 3], 0.0),
                     (Some(column), _) => (0.0, scene.medium.extinction.rgb.map(|e| (-e * column).exp()), 0.0),
                 }
@@ -333,11 +335,15 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
         };
         for c in 0..plan.channels {
             let value = light.value().rgb[c];
-            energy.launched[c] += value * emitted;
+            energy.launched[c] += emitted[c];
             energy.fractions[Share::Missed.index()][c] += value * missed;
             energy.fractions[Share::Unscattered.index()][c] += value * through[c];
             energy.error[c] += value * error;
         }
+    }
+    if let Some(emission) = &scene.medium.emission {
+        let power = emission.power(&scene.medium.volume);
+        (0..plan.channels).for_each(|c| energy.launched[c] += power[c]);
     }
     energy
 }
@@ -405,7 +411,8 @@ pub(super) fn relative_error(
     let stop = || control.stopped();
     let picture = image(&volumes, camera, Some(&pixels), channels * k, &stop);
     let (more, errors) = pixel_error::spread(&picture.order2, k);
-    let values: Vec<f32> = more.iter().zip(&picture.order1).map(|(a, b)| a + b).collect();
+    let own = picture.order1.iter().zip(&picture.emitted);
+    let values: Vec<f32> = more.iter().zip(own).map(|(more, (once, emitted))| more + once + emitted).collect();
     let (whole, _) = pixel_error::spread(&means, k);
     let bias = pixel_error::bias(&volumes, &whole, camera, Some(&pixels), &stop);
     pixel_error::relative(&values, &errors, Some(&bias), channels)

@@ -11,7 +11,7 @@ use crate::plan::{Plan, Route};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::camera::Eye;
 use crate::scene::field::{Field, V3};
-use crate::scene::{Albedo, Camera, Light, Scene};
+use crate::scene::{Albedo, Camera, Scene};
 use crate::tally::Bins;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -66,8 +66,8 @@ impl Energies {
 pub struct Walk<'a> {
     /// The plan.
     pub plan: &'a Plan<'a>,
-    /// Emitters, each with its light.
-    pub emitters: &'a [(Emitter<'a>, Light)],
+    /// What shoots.
+    pub emitters: &'a [Emitter<'a>],
     /// The bins of each tally layer: one set per thread, or one for all.
     pub bins: Vec<Vec<Bins>>,
     /// Sets of bins in each layer.
@@ -80,8 +80,6 @@ pub struct Walk<'a> {
 pub struct Task<'a> {
     /// Where they start.
     pub emitter: &'a Emitter<'a>,
-    /// Its light.
-    pub light: &'a Light,
     /// The power of each over that of the batch's mean photon.
     pub scale: f32,
     /// Number of the emitter's first photon in the run.
@@ -98,7 +96,7 @@ impl Task<'_> {
     pub fn start(&self, seed: [u32; 2], j: u64) -> (Draws, Start) {
         let mut draws = Draws::new(seed, self.first + j, 0);
         let u = (j as f64 + uniform64(draws.next4()[0])) / self.count as f64;
-        let start = self.emitter.start(self.light, u, &mut draws);
+        let start = self.emitter.start(u, &mut draws);
         (draws, start)
     }
 }
@@ -140,14 +138,14 @@ impl Walk<'_> {
         control: &Control,
         urgent: bool,
     ) -> Option<Energies> {
-        let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
+        let powers: Vec<f64> = self.emitters.iter().map(|e| e.power).collect();
         let counts = allot(&powers, photons);
         let reference = powers.iter().sum::<f64>() / photons as f64;
         let mut tasks = Vec::new();
         let mut from = first;
-        for ((emitter, light), count) in self.emitters.iter().zip(counts) {
+        for (emitter, count) in self.emitters.iter().zip(counts) {
             let scale = (emitter.power / count as f64 / reference) as f32;
-            tasks.extend(pieces(count, engine).map(|range| Task { emitter, light, scale, first: from, count, range }));
+            tasks.extend(pieces(count, engine).map(|range| Task { emitter, scale, first: from, count, range }));
             from += count;
         }
         let halted = || control.stopped() || (urgent && control.late());
@@ -214,9 +212,11 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
         let (mut w, mut p, mut direction, mut at_collision) = match start {
             Start::Miss => return energies.add(Share::Missed, colour),
             Start::Flight { p, direction } => (Weights::new(colour, hero), p, direction, false),
+            Start::Coloured { p, direction, weight } => {
+                (Weights::new(std::array::from_fn(|c| weight[c] * scale), hero), p, direction, false)
+            }
             Start::Collision { p, direction, weight } => {
-                let weight = std::array::from_fn(|c| weight[c] * scale);
-                (Weights::new(weight, hero), p, direction, true)
+                (Weights::new(std::array::from_fn(|c| weight[c] * scale), hero), p, direction, true)
             }
         };
         let mut scorer = Scores {

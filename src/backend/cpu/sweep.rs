@@ -559,16 +559,16 @@ mod tests {
     }
 
     /// The root mean square error of the transmittance at the centres, and the largest of a column on a lit face.
-    fn error(density: &[f32], linear: bool, light: Light) -> (f64, f32) {
+    fn error(density: &[f32], linear: bool, light: &Light) -> (f64, f32) {
         let volume = Volume::new(density, N, [1.0, 1.5, 0.75], [0.0; 3], linear).expect("valid");
         let grey = |v: f64| Spectrum::new(&[v], "value").expect("valid");
         let phase = crate::physics::Phase::Isotropic;
         let medium = Medium::new(volume, grey(0.1), Albedo::Constant(grey(0.9)), phase).expect("valid");
         let camera = Camera::perspective([90.0; 3], [9.0; 3], [0.0, 0.0, 1.0], 20.0, [9, 9]).expect("valid");
-        let scene = Scene::new(medium, vec![light], camera);
-        let rays = Illumination::new(&scene, None, &light, Column::Rays, None).expect("has a direction");
+        let scene = Scene::new(medium, vec![light.clone()], camera);
+        let rays = Illumination::new(&scene, None, light, Column::Rays, None).expect("has a direction");
         let nodes = rays.columns(&Control::new(None));
-        let grid = Illumination::new(&scene, None, &light, Column::Grid, Some(&nodes)).expect("has a direction");
+        let grid = Illumination::new(&scene, None, light, Column::Grid, Some(&nodes)).expect("has a direction");
         let (mut sum, mut face) = (0.0, 0.0f32);
         for at in 0..density.len() {
             let p = [at % N[0], at / N[0] % N[1], at / (N[0] * N[1])].map(|c| c as f32 + 0.5);
@@ -590,7 +590,7 @@ mod tests {
     #[test]
     fn sweep_agrees_with_a_ray_to_every_voxel() {
         for light in lights() {
-            let (error, face) = error(&bumps(), true, light);
+            let (error, face) = error(&bumps(), true, &light);
             assert!(error < 4e-3, "{light:?}: {error}");
             assert!(face < 1e-4, "{light:?}: {face} on a face where the light comes in");
         }
@@ -599,7 +599,7 @@ mod tests {
     #[test]
     fn sweep_through_constant_voxels_agrees_with_rays() {
         for light in lights() {
-            let (error, _) = error(&bumps(), false, light);
+            let (error, _) = error(&bumps(), false, &light);
             assert!(error < 6e-3, "{light:?}: {error}");
         }
     }
@@ -607,7 +607,7 @@ mod tests {
     #[test]
     fn sweep_is_exact_in_constant_density_but_for_the_edges() {
         for light in lights() {
-            let (error, _) = error(&vec![1.0; N[0] * N[1] * N[2]], true, light);
+            let (error, _) = error(&vec![1.0; N[0] * N[1] * N[2]], true, &light);
             assert!(error < 4e-3, "{light:?}: {error}");
         }
     }
@@ -615,7 +615,7 @@ mod tests {
     /// Light that grazes a face has a kink within a voxel of it, which no grid resolves.
     #[test]
     fn sweep_of_grazing_light_errs_no_more_than_its_kink() {
-        let (error, face) = error(&bumps(), true, parallel([-0.3, 1.0, 0.02]));
+        let (error, face) = error(&bumps(), true, &parallel([-0.3, 1.0, 0.02]));
         assert!(error < 1e-2 && face < 1e-4, "{error}, on the face {face}");
     }
 }

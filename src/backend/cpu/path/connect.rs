@@ -10,6 +10,7 @@ use crate::physics::rng::{Draws, uniform};
 use crate::physics::{Phase, Real};
 use crate::plan::{Connection, Plan};
 use crate::scene::Light;
+use crate::scene::environment::Map;
 use crate::scene::field::{Field, V3, along, leave};
 use std::f32::consts::FRAC_1_PI;
 
@@ -30,8 +31,10 @@ pub struct Connections<'a> {
     pub far: Vec<Lit<'a>>,
     /// Lights in the medium or next to it.
     pub near: Vec<Illumination<'a>>,
-    /// Radiance that is met on leaving the volume, by channel.
+    /// Radiance that is met on leaving the volume wherever that is, by channel.
     pub background: [f32; 3],
+    /// Radiance that is met by direction.
+    pub maps: Vec<&'a Map>,
     /// Extinction per density, by channel.
     pub extinction: [f32; 3],
     field: Field<'a>,
@@ -44,7 +47,7 @@ impl<'a> Connections<'a> {
     pub fn new(plan: &'a Plan<'a>, field: Field<'a>, views: &[Option<Illumination<'a>>]) -> Self {
         let medium = &plan.scene.medium;
         let (mut far, mut near) = (Vec::new(), Vec::new());
-        let mut background = [0.0; 3];
+        let (mut background, mut maps) = ([0.0; 3], Vec::new());
         let connections = plan.paths.iter().flat_map(|paths| &paths.connections);
         for ((light, view), how) in plan.scene.lights.iter().zip(views).zip(connections) {
             if light.value().max() == 0.0 {
@@ -54,7 +57,8 @@ impl<'a> Connections<'a> {
                 (Connection::Corrected(check), Some(view), _) => far.push(Lit { view: view.clone(), check: *check }),
                 (Connection::Ray, Some(view), _) => far.push(Lit { view: view.clone(), check: 1.0 }),
                 (Connection::Near, Some(view), _) => near.push(view.clone()),
-                (_, _, Light::Environment { radiance }) => {
+                (_, _, Light::Environment { map: Some(map), .. }) => maps.push(map.as_ref()),
+                (_, _, Light::Environment { radiance, map: None }) => {
                     for c in 0..3 {
                         background[c] += radiance.rgb[c] as f32;
                     }
@@ -66,6 +70,7 @@ impl<'a> Connections<'a> {
             far,
             near,
             background,
+            maps,
             extinction: medium.extinction.rgb.map(|e| e as f32),
             field,
             phase: &medium.phase,
@@ -75,7 +80,38 @@ impl<'a> Connections<'a> {
 
     /// Whether light is met on leaving the volume.
     pub fn has_background(&self) -> bool {
-        self.background.iter().any(|&b| b > 0.0)
+        !self.maps.is_empty() || self.background.iter().any(|&b| b > 0.0)
+    }
+
+    /// What a path meets that leaves the volume along `d`, drawn with the density `chance` per steradian: of a map the part
+    /// that the balance heuristic leaves to this way of finding it.
+    #[inline(always)]
+    pub fn met(&self, d: V3, chance: f32) -> [f32; 3] {
+        let mut sum = self.background;
+        for map in &self.maps {
+            let part = chance / (chance + map.pdf(d)).max(1e-30);
+            let radiance = map.radiance(d);
+            for c in 0..3 {
+                sum[c] += part * radiance[c];
+            }
+        }
+        sum
+    }
+
+    /// The radiance of a map that is scattered along the path at a vertex, over the albedo there, from a direction drawn from
+    /// the map: the other part.
+    #[inline(always)]
+    pub fn from_map(&self, map: &Map, p: V3, travel: V3, words: [u32; 4]) -> [f32; 3] {
+        let (d, density) = map.sample(uniform(words[0]), uniform(words[1]));
+        let cos_theta = d[0] * travel[0] + d[1] * travel[1] + d[2] * travel[2];
+        let phase = self.phase.pdf(cos_theta.clamp(-1.0, 1.0));
+        if density <= 0.0 || phase <= 0.0 {
+            return [0.0; 3];
+        }
+        let radiance = map.radiance(d);
+        let v: V3 = std::array::from_fn(|a| d[a] / self.h[a]);
+        let through = self.through(self.field.column(p, v, f32::INFINITY));
+        std::array::from_fn(|c| radiance[c] * through[c] * phase / (phase + density))
     }
 
     /// Transmittance of a column density, by channel.

@@ -17,7 +17,9 @@ use crate::scene::field::V3;
 /// Events between looks at the clock and the stop flag.
 const PATIENCE: u32 = 1 << 12;
 /// The purposes of the random numbers of near lights begin here.
-const NEAR: u32 = 16;
+const NEAR: u32 = 1 << 16;
+/// Those of maps.
+const MAPS: u32 = 1 << 24;
 
 /// Walks paths in lanes, with `C` channels of equal extinction.
 pub struct Laned<'a, const C: usize> {
@@ -84,15 +86,16 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             }
             if hit != 0 {
                 alive &= !lanes.collide(tables, hit, &mut queue, seen);
-                lanes.flights.turn(course, hit);
+                lanes.turn(tables, hit);
             }
             let inside = lanes.flights.advance(course, alive, &mut flying);
             if tables.connections.has_background() {
                 for lane in bits(alive & !inside & !flying) {
                     let (slot, order) = (lanes.slot[lane] as usize, lanes.order[lane]);
                     if order > 0 {
-                        let background = tables.connections.background;
-                        seen[slot].add(order, std::array::from_fn(|c| lanes.weight[c][lane] * background[c]));
+                        let d = std::array::from_fn(|a| lanes.flights.d[a][lane]);
+                        let met = tables.connections.met(d, lanes.chance[lane]);
+                        seen[slot].add(order, std::array::from_fn(|c| lanes.weight[c][lane] * met[c]));
                     }
                 }
             }
@@ -118,12 +121,14 @@ struct Lanes<const C: usize> {
     order: Row<u32>,
     /// The view ray of the job.
     slot: Row<u32>,
+    /// The density of the direction in which it was scattered last, where that matters.
+    chance: Row<f32>,
 }
 
 impl<const C: usize> Lanes<C> {
     fn new(tables: &Laned<C>) -> Self {
         let flights = Flights::new(&tables.course);
-        Lanes { flights, weight: [[0.0; N]; C], order: [0; N], slot: [0; N] }
+        Lanes { flights, weight: [[0.0; N]; C], order: [0; N], slot: [0; N], chance: [1.0; N] }
     }
 
     /// Puts the next path into a lane, at its first collision.
@@ -188,6 +193,9 @@ impl<const C: usize> Lanes<C> {
                 }
             }
         }
+        for lane in bits(if connections.maps.is_empty() { 0 } else { hit & !ended }) {
+            self.from_maps(tables, lane, seen);
+        }
         if !connections.near.is_empty() {
             for lane in bits(hit & !ended) {
                 if self.order[lane] < last {
@@ -199,6 +207,40 @@ impl<const C: usize> Lanes<C> {
             ended |= hit & mask(|i| self.order[i] >= last);
         }
         ended
+    }
+
+    /// Scatters some lanes into a new direction.
+    #[inline(always)]
+    fn turn(&mut self, tables: &Laned<C>, hit: u32) {
+        if tables.connections.maps.is_empty() {
+            return self.flights.turn(&tables.course, hit);
+        }
+        let before = self.flights.d;
+        self.flights.turn(&tables.course, hit);
+        let after = &self.flights.d;
+        let mut cos_theta = [0.0f32; N];
+        for i in 0..N {
+            let cosine = before[0][i] * after[0][i] + before[1][i] * after[1][i] + before[2][i] * after[2][i];
+            cos_theta[i] = Real::max(Real::min(cosine, 1.0), -1.0);
+        }
+        let chance = tables.course.phase.pdf_lanes(&cos_theta);
+        for i in 0..N {
+            self.chance[i] = if hit >> i & 1 == 1 { chance[i] } else { self.chance[i] };
+        }
+    }
+
+    /// Adds the light of maps that is scattered at the collision of a lane, from directions drawn from the maps.
+    #[inline(always)]
+    fn from_maps(&self, tables: &Laned<C>, lane: usize, seen: &mut [Seen<C>]) {
+        let flights = &self.flights;
+        let [p, d]: [V3; 2] = [&flights.p, &flights.d].map(|rows| std::array::from_fn(|a| rows[a][lane]));
+        let index = [flights.index[0][lane], flights.index[1][lane]];
+        for (number, map) in (MAPS..).zip(&tables.connections.maps) {
+            let words = words(tables.course.seed, index, flights.block[lane], number);
+            let scattered = tables.connections.from_map(map, p, d, words);
+            let light = std::array::from_fn(|c| self.weight[c][lane] * scattered[c]);
+            seen[self.slot[lane] as usize].add(self.order[lane], light);
+        }
     }
 
     /// Adds the light of near lights that is scattered once more beyond the collision of a lane.

@@ -18,6 +18,7 @@ use crate::plan::{Plan, Tracker};
 use crate::result::{Outcome, Pixels, Stopped};
 use crate::scene::Light;
 use crate::scene::field::{Field, Occupancy};
+use crate::scene::medium::Emission;
 use connect::Connections;
 use lanes::Laned;
 use rayon::prelude::*;
@@ -150,14 +151,19 @@ fn march<'a, const CHROMATIC: bool>(plan: &Plan<'a>) -> March<'a, CHROMATIC> {
     March { field: Field::density(&medium.volume), extinction, scores: false }
 }
 
-fn one_by_one<T: track::Tracker<C>, const C: usize>(
+fn one_by_one<'a, T: track::Tracker<C>, const C: usize>(
     tracker: T,
-    plan: &Plan,
-    connections: &Connections,
+    plan: &'a Plan<'a>,
+    connections: &'a Connections<'a>,
     field: &Field,
     control: &Control,
 ) -> Result<Outcome> {
-    let tracer = OneByOne { tracker, connections, medium: Medium::new(plan) };
+    let medium = &plan.scene.medium;
+    let emission = medium.emission.as_ref();
+    let fields = |glow: &Emission<'a>| (0..glow.channels()).map(|c| glow.field(c, &medium.volume)).collect();
+    let emission = emission.map_or_else(Vec::new, fields);
+    let density = Field::density(&medium.volume);
+    let tracer = OneByOne { tracker, connections, medium: Medium::new(plan), density, emission };
     passes::<C>(plan, &tracer, connections, field, control)
 }
 

@@ -8,7 +8,7 @@ use crate::backend::cpu::shoot::{Medium, ROULETTE, SURVIVAL};
 use crate::backend::cpu::track::{Flight, Scorer, Tracker, Weights};
 use crate::physics::frame::rotate;
 use crate::physics::rng::{Draws, split, uniform};
-use crate::scene::field::V3;
+use crate::scene::field::{Field, V3, along};
 
 /// The purpose of the random numbers of paths.
 pub const PATH: u32 = 9;
@@ -31,6 +31,10 @@ pub struct OneByOne<'a, T, const C: usize> {
     pub connections: &'a Connections<'a>,
     /// The medium at collisions.
     pub medium: Medium<'a>,
+    /// The density, and what the medium emits by channel.
+    pub density: Field<'a>,
+    /// What the medium emits, by channel.
+    pub emission: Vec<Field<'a>>,
 }
 
 impl<const C: usize, T: Tracker<C>> Tracer<C> for OneByOne<'_, T, C> {
@@ -111,16 +115,32 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
                     sum.add(order + 1, std::array::from_fn(|c| weight[c] * scattered[c]));
                 }
             }
-            if order == last && !connections.has_background() {
+            let weight = w.get();
+            for map in &connections.maps {
+                let scattered = connections.from_map(map, p, direction, draws.next4());
+                sum.add(order, std::array::from_fn(|c| weight[c] * scattered[c]));
+            }
+            if order == last && !connections.has_background() && self.emission.is_empty() {
                 return;
             }
             let (cos_theta, sin_theta) = phase.sample(uniform(words[0]));
             direction = rotate(direction, cos_theta, sin_theta, uniform(words[1]));
             let v = std::array::from_fn(|a| direction[a] * self.medium.inverse_h[a]);
-            match self.tracker.fly(p, v, &mut w, &mut draws, &mut Silent) {
+            let before = w;
+            let flight = self.tracker.fly(p, v, &mut w, &mut draws, &mut Silent);
+            if !self.emission.is_empty() {
+                let length = match flight {
+                    Flight::Exit(_) => self.density.leave(p, v),
+                    Flight::Collision(at) => {
+                        (0..3).map(|a| ((at[a] - p[a]) * self.medium.h[a]).powi(2)).sum::<f32>().sqrt()
+                    }
+                };
+                sum.add(order, self.emitted(before, p, v, length, &mut draws));
+            }
+            match flight {
                 Flight::Exit(_) => {
-                    let weight = w.get();
-                    sum.add(order, std::array::from_fn(|c| weight[c] * connections.background[c]));
+                    let (weight, met) = (w.get(), connections.met(direction, phase.pdf(cos_theta)));
+                    sum.add(order, std::array::from_fn(|c| weight[c] * met[c]));
                     return;
                 }
                 Flight::Collision(at) => p = at,
@@ -129,5 +149,24 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
                 return;
             }
         }
+    }
+
+    /// What the medium emits along a flight up to its end: its mean over flights is what arrives at their start. With unequal
+    /// extinctions it is taken at a random point, for the weights change along the flight.
+    fn emitted(&self, w: Weights<C>, p: V3, v: V3, length: f32, draws: &mut Draws) -> [f32; C] {
+        let fields = &self.emission;
+        let extinction = &self.connections.extinction;
+        if extinction[0] == extinction[1] && extinction[1] == extinction[2] {
+            let weight = w.get();
+            let whole: Vec<f32> = fields.iter().map(|field| field.column(p, v, length)).collect();
+            return std::array::from_fn(|c| weight[c] * whole[c % whole.len()]);
+        }
+        let t = length * uniform(draws.next4()[0]);
+        let column = self.density.column(p, v, t);
+        let mut here = w;
+        let hero = extinction[w.hero];
+        here.observe(std::array::from_fn(|c| ((hero - extinction[c]) * column).min(60.0).exp()));
+        let (weight, at) = (here.get(), along(p, v, t));
+        std::array::from_fn(|c| weight[c] * length * fields[c % fields.len()].at(at))
     }
 }
