@@ -1,6 +1,6 @@
 """The medium: a density array and what scatters in it."""
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,7 @@ class Medium:
     albedo: Value | np.ndarray = 0.9
     phase: Phase | None = None
     emission: Value | np.ndarray | None = None
+    shape: str = field(default="voxels", init=False)
 
     def __post_init__(self) -> None:
         density = volume("density", self.density)
@@ -121,7 +122,56 @@ class Medium:
             )
         return cls(np.abs(np.log1p(-array)) / step, **arguments)
 
+    @classmethod
+    def box(cls, size: ArrayLike, *, origin: ArrayLike = (0, 0, 0), **arguments: Any) -> "Medium":
+        """A homogeneous box without voxels.
+
+        Its images come from method "path". With `outputs` that name voxel quantities it counts as
+        one voxel, whose means method "photon" gives.
+
+        Parameters
+        ----------
+        size : float or (x, y, z)
+            Lengths of its edges.
+        origin : (x, y, z)
+            Its lower corner.
+        **arguments
+            `extinction`, `albedo`, `phase`, `emission` (a number or RGB), as for `Medium`.
+        """
+        edges = numeric("size", size, "a number or 3 numbers (x, y, z)")
+        if edges.shape not in ((), (3,)) or not (edges > 0).all():
+            raise wrong("size", "a positive number or 3 (x, y, z)", size)
+        return cls._solid("box", tuple(np.broadcast_to(edges, 3)[::-1]), origin, arguments)
+
+    @classmethod
+    def sphere(cls, radius: float, *, center: ArrayLike = (0, 0, 0), **arguments: Any) -> "Medium":
+        """A homogeneous sphere without voxels; its images come from method "path".
+
+        Parameters
+        ----------
+        radius : float
+        center : (x, y, z)
+        **arguments
+            `extinction`, `albedo`, `phase`, `emission` (a number or RGB), as for `Medium`.
+        """
+        radius = positive("radius", radius)
+        corner = np.subtract(vector("center", center), radius)
+        return cls._solid("sphere", 2.0 * radius, corner, arguments)
+
+    @classmethod
+    def _solid(cls, shape: str, spacing: Any, origin: ArrayLike, arguments: Any) -> "Medium":
+        """One voxel that stands for a solid."""
+        for name in ("spacing", "interpolation", "density"):
+            if name in arguments:
+                raise SceneError(f"{name} is not for a {shape}, which has no voxels")
+        one = np.ones((1, 1, 1), np.float32)
+        medium = cls(one, spacing=spacing, origin=origin, interpolation="nearest", **arguments)
+        object.__setattr__(medium, "shape", shape)
+        return medium
+
     def __repr__(self) -> str:
+        if self.shape != "voxels":
+            return f"<mcrt.Medium, homogeneous {self.shape}, {self.phase}>"
         return (
             f"<mcrt.Medium {' x '.join(map(str, self.density.shape))} voxels (z, y, x), "
             f"{self.interpolation}, {self.phase}>"

@@ -178,6 +178,7 @@ def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
         "albedo": albedo if isinstance(albedo, np.ndarray) else channels(albedo),
         "phase": as_phase(medium.phase)._spec(),
         "emission": emission_planes(medium),
+        "shape": medium.shape,
         "lights": tuple(
             _mcrt.default_lights(*box)
             if light is None
@@ -202,6 +203,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
     method = choice("method", arguments["method"], ("auto", "single", "photon", "path"))
     if method == "auto" and arguments["spp"] is not None:
         method = "path"
+    method, outputs = _method_and_outputs(arguments["volume"], method, arguments["outputs"])
     return {
         "method": method,
         "tracker": choice(
@@ -216,11 +218,26 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "seed": integer("seed", arguments["seed"], 0, 2**64 - 1),
         "threads": optional("threads", integer, 1, 1024),
         "errors": flag("errors", arguments["errors"]),
-        "outputs": _outputs(arguments["outputs"], ("image",) if method == "path" else OUTPUTS),
+        "outputs": outputs,
         "force": flag("force", arguments["force"]),
         "over_voxels": arguments["camera"] is None,
         "simd": os.environ.get("MCRT_SIMD") or None,
     }
+
+
+def _method_and_outputs(volume: Any, method: str, outputs: Any) -> tuple[str, tuple[str, ...]]:
+    """The method, and what it shall give: of a solid without voxels either images or means."""
+    if not isinstance(volume, Medium) or volume.shape == "voxels":
+        return method, _outputs(outputs, ("image",) if method == "path" else OUTPUTS)
+    names = _outputs(outputs, OUTPUTS[:2] if method == "photon" else ("image",))
+    if method == "auto" and names == ("image",):
+        method = "path"
+    if "image" in names and method in ("auto", "photon"):
+        raise SceneError(
+            f"a {volume.shape} has no voxels that photons could be kept in for an image; use "
+            'method="path" for its image, outputs=("fluence", "radiance") for means over it'
+        )
+    return method, names
 
 
 def _angular(value: Any) -> int | None:

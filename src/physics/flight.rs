@@ -25,6 +25,18 @@ pub fn box_range(p: [f64; 3], v: [f64; 3], n: [f64; 3]) -> Option<(f64, f64)> {
     (enter < leave).then_some((enter, leave))
 }
 
+/// Entry and exit parameters of the line `p + t v` through the ball of the given radius around (radius, radius, radius).
+#[inline]
+pub fn ball_range(p: [f64; 3], v: [f64; 3], radius: f64) -> Option<(f64, f64)> {
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (r, speed2) = (p.map(|c| c - radius), dot(v, v));
+    // From the point nearest to the centre, which loses nothing to cancellation.
+    let foot = -dot(r, v) / speed2;
+    let nearest: [f64; 3] = std::array::from_fn(|a| r[a] + foot * v[a]);
+    let half2 = (radius * radius - dot(nearest, nearest)) / speed2;
+    (half2 > 0.0).then(|| (foot - half2.sqrt(), foot + half2.sqrt()))
+}
+
 /// The solid angle of the rectangle [x0, x1] x [y0, y1] in the plane at distance `z` > 0 from the eye at the origin.
 pub fn rectangle_solid_angle(x0: f64, x1: f64, y0: f64, y1: f64, z: f64) -> f64 {
     let corner = |x: f64, y: f64| (x * y / (z * (x * x + y * y + z * z).sqrt())).atan();
@@ -77,6 +89,13 @@ mod tests {
             let exact = if t == 0.0 { 1.0 } else { -(-t).exp_m1() / t };
             assert!((f64::from(mean_transmittance(tau)) - exact).abs() < 2e-7 * exact.max(1e-3), "tau = {tau}");
         }
+    }
+
+    #[test]
+    fn ball_range_finds_entry_and_exit() {
+        let hit = ball_range([-3.0, 1.6, 1.0], [2.0, 0.0, 0.0], 1.0).expect("a hit");
+        assert!((hit.0 - 1.6).abs() < 1e-14 && (hit.1 - 2.4).abs() < 1e-14);
+        assert_eq!(ball_range([-3.0, 2.1, 1.0], [2.0, 0.0, 0.0], 1.0), None);
     }
 
     #[test]

@@ -130,6 +130,11 @@ impl<'a> Plan<'a> {
         };
 
         let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
+        if method == Method::Path && (settings.fluence || settings.radiance) {
+            return scene_error(
+                "outputs: method = \"path\" gives images only; use method = \"photon\" for values of voxels",
+            );
+        }
         let orders = match method {
             Method::Single => settings.max_scatterings.unwrap_or(1).min(1),
             Method::Photon | Method::Path => settings.max_scatterings.unwrap_or(u32::MAX),
@@ -430,6 +435,18 @@ fn choose_method(
     why: &mut Explain,
 ) -> Result<Method> {
     let medium = &scene.medium;
+    if medium.volume.is_ball() {
+        if let Some(method @ (Method::Single | Method::Photon)) = settings.method {
+            return scene_error(format!(
+                "method = \"{method}\" needs voxels, and a sphere has none; use method = \"path\""
+            ));
+        }
+        if settings.tracker == Some(Tracker::March) {
+            return scene_error("tracker = \"march\" needs voxels, and a sphere has none; use \"analytic\"");
+        }
+        why.push("method", Method::Path.to_string(), "a sphere has no voxels".into());
+        return Ok(Method::Path);
+    }
     // A bound on what leaves order 1 for order 2, and so on: albedo times the chance of a collision on the longest way.
     let diagonal = medium.volume.size().iter().map(|s| s * s).sum::<f64>().sqrt();
     let again = medium.max_albedo() * -(-medium.max_sigma_t() * diagonal).exp_m1();

@@ -1,9 +1,8 @@
 //! What view rays meet, measured on the scene before anything is decided: how opaque it is, and what interpolating the light
 //! grid would cost in accuracy.
 
-use crate::physics::flight::box_range;
 use crate::scene::field::{Field, Occupancy, V3};
-use crate::scene::{Light, Scene};
+use crate::scene::{Light, Scene, ViewRay};
 
 /// View rays probed, and points on each.
 const RAYS: usize = 96;
@@ -79,20 +78,12 @@ pub fn opacity(scene: &Scene) -> f64 {
 
 /// View rays spread over the image, of those that meet any density: entry, velocity, length, and column density.
 fn seeing<'a>(scene: &'a Scene, field: &'a Field) -> impl Iterator<Item = (V3, V3, f32, f64)> + 'a {
-    let volume = &scene.medium.volume;
-    let (n, h) = (volume.n().map(|m| m as f64), volume.spacing());
     let [width, height] = scene.camera.resolution.map(|r| r as f64);
     (0..TRIES).filter_map(move |i| {
-        let (origin, d) = scene.camera.ray(radical_inverse(i + 1, 2) * width, radical_inverse(i + 1, 3) * height);
-        let local = volume.local(origin);
-        let p: [f64; 3] = std::array::from_fn(|a| local[a] / h[a]);
-        let v: [f64; 3] = std::array::from_fn(|a| d[a] / h[a]);
-        let (t0, t1) = box_range(p, v, n)?;
-        let (t0, length) = (t0.max(0.0), (t1 - t0.max(0.0)) as f32);
-        let start: V3 = std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, n[a]) as f32);
-        let velocity = v.map(|c| c as f32);
-        let column = if length > 0.0 { f64::from(field.column(start, velocity, length)) } else { 0.0 };
-        (column > 0.0).then_some((start, velocity, length, column))
+        let (x, y) = (radical_inverse(i + 1, 2) * width, radical_inverse(i + 1, 3) * height);
+        let ray = ViewRay::new(scene, &scene.camera, x, y)?;
+        let column = f64::from(field.column(ray.p, ray.v, ray.length));
+        (column > 0.0).then_some((ray.p, ray.v, ray.length, column))
     })
 }
 

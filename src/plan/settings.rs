@@ -191,11 +191,6 @@ impl Settings {
             Some(Method::Path) if self.photons.is_some() => {
                 return scene_error("photons is given, but method = \"path\" shoots none; use spp (paths per pixel)");
             }
-            Some(Method::Path) if self.fluence || self.radiance => {
-                return scene_error(
-                    "outputs: method = \"path\" gives images only; use method = \"photon\" for values of voxels",
-                );
-            }
             Some(Method::Single | Method::Photon) if self.spp.is_some() => {
                 return scene_error("spp is for method = \"path\"; the other methods take photons");
             }

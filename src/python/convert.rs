@@ -154,6 +154,8 @@ impl<'py> Held<'py> {
         let density = self.density.as_slice()?;
         let n = [shape[2], shape[1], shape[0]];
         let volume = py.detach(|| Volume::new(density, n, turned(spacing), origin, linear)).map_err(fail)?;
+        let ball = optional::<String>(dict, "shape")?.is_some_and(|shape| shape == "sphere");
+        let volume = if ball { volume.ball().map_err(fail)? } else { volume };
         let extinction = Spectrum::new(&numbers(&get(dict, "extinction")?)?, "extinction").map_err(fail)?;
         let albedo = match &self.albedo {
             Some(values) => {

@@ -26,6 +26,17 @@ pub fn leave(p: V3, v: V3, n: [i32; 3]) -> (usize, f32) {
     (axis, exit)
 }
 
+/// The parameter at which a line from within the ball in a unit cube leaves it.
+#[inline(always)]
+pub fn leave_ball(p: V3, v: V3) -> f32 {
+    let r = p.map(|c| c - 0.5);
+    let dot = |a: V3, b: V3| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (a, b, c) = (dot(v, v), dot(r, v), dot(r, r) - 0.25);
+    let root = (b * b - a * c).max(0.0).sqrt();
+    // The form that does not cancel.
+    if b > 0.0 { (-c / (b + root)).max(0.0) } else { ((root - b) / a).max(0.0) }
+}
+
 /// The largest integer not above `x` (within i32), without a library call.
 #[inline(always)]
 pub fn floor(x: f32) -> i32 {
@@ -189,6 +200,7 @@ pub struct Field<'a> {
     n: [i32; 3],
     linear: bool,
     constant: bool,
+    ball: bool,
     occupancy: Option<&'a Occupancy>,
 }
 
@@ -200,7 +212,14 @@ impl<'a> Field<'a> {
 
     /// Other values on the voxels of a volume.
     pub fn new(values: &'a [f32], volume: &Volume) -> Self {
-        Field { values, n: volume.n().map(|m| m as i32), linear: volume.linear(), constant: false, occupancy: None }
+        Field {
+            values,
+            n: volume.n().map(|m| m as i32),
+            linear: volume.linear(),
+            constant: false,
+            ball: volume.is_ball(),
+            occupancy: None,
+        }
     }
 
     /// The same field, walked past its empty blocks.
@@ -220,10 +239,16 @@ impl<'a> Field<'a> {
         self.values
     }
 
-    /// The length to where a line from within leaves the box.
+    /// Where a line from within leaves the medium: the axis of the box's face (0 for a ball), and the parameter.
     #[inline(always)]
-    pub fn leave(&self, p: V3, v: V3) -> f32 {
-        leave(p, v, self.n).1
+    pub fn leave(&self, p: V3, v: V3) -> (usize, f32) {
+        if self.ball { (0, leave_ball(p, v)) } else { leave(p, v, self.n) }
+    }
+
+    /// Whether the medium fills a ball, not the box.
+    #[inline(always)]
+    pub fn is_ball(&self) -> bool {
+        self.ball
     }
 
     /// The value everywhere, where it is known to be constant.
@@ -330,7 +355,7 @@ impl<'a> Field<'a> {
     #[inline]
     pub fn column_up_to(&self, p: V3, v: V3, end: f32, enough: f32) -> f32 {
         if let Some(density) = self.constant() {
-            return density * end.min(leave(p, v, self.n).1);
+            return density * end.min(self.leave(p, v).1);
         }
         let mut sum = 0.0f32;
         if self.linear {
@@ -376,7 +401,7 @@ impl<'a> Field<'a> {
     #[inline(always)]
     pub fn runs(&self, p: V3, v: V3, end: f32, mut f: impl FnMut(f32, f32) -> bool) {
         // Cells between voxel centres reach over the box's faces, the medium does not.
-        let end = end.min(leave(p, v, self.n).1);
+        let end = end.min(self.leave(p, v).1);
         let Some(occupancy) = self.occupancy else {
             f(0.0, end);
             return;

@@ -6,11 +6,13 @@ pub mod environment;
 pub mod field;
 pub mod light;
 pub mod medium;
+pub mod ray;
 pub mod volume;
 
 pub use camera::Camera;
 pub use light::Light;
 pub use medium::{Albedo, Emission, Medium};
+pub use ray::ViewRay;
 pub use volume::Volume;
 
 use crate::error::{Result, scene_error};

@@ -12,6 +12,7 @@ pub struct Volume<'a> {
     spacing: [f64; 3],
     origin: [f64; 3],
     linear: bool,
+    ball: bool,
     min: f32,
     max: f32,
     mean: f64,
@@ -49,7 +50,7 @@ impl<'a> Volume<'a> {
                 density[first]
             ));
         }
-        Ok(Volume { density, n, spacing, origin, linear, min, max, mean: sum / voxels as f64 })
+        Ok(Volume { density, n, spacing, origin, linear, ball: false, min, max, mean: sum / voxels as f64 })
     }
 
     /// The densities, x fastest.
@@ -116,6 +117,20 @@ impl<'a> Volume<'a> {
     /// Whether all voxels hold the same density.
     pub fn is_constant(&self) -> bool {
         self.min == self.max
+    }
+
+    /// The ball that fits into a cube of one voxel, in place of it.
+    pub fn ball(self) -> Result<Self> {
+        let h = self.spacing;
+        if self.n != [1; 3] || h[0] != h[1] || h[1] != h[2] {
+            return scene_error("a ball is made of a cube of one voxel");
+        }
+        Ok(Volume { ball: true, ..self })
+    }
+
+    /// Whether the medium fills the ball in the cube only.
+    pub fn is_ball(&self) -> bool {
+        self.ball
     }
 
     /// The world's coordinates of a point given relative to the box's lower corner.

@@ -286,6 +286,16 @@ impl Flights {
             }
             inside[i] = within;
         }
+        if course.field.is_ball() {
+            for i in 0..N {
+                let mut r2 = 0.0f32;
+                for a in 0..3 {
+                    let r = self.q[a][i] - 0.5;
+                    r2 += r * r;
+                }
+                inside[i] = r2 < 0.25;
+            }
+        }
         mask(|i| inside[i])
     }
 

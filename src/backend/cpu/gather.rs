@@ -9,11 +9,10 @@ use super::even::{Packed, suits};
 use super::light::{GAUSS, Illumination, Source, beam};
 use super::shoot::LocalEye;
 use crate::physics::Phase;
-use crate::physics::flight::box_range;
 use crate::scene::camera::Eye;
 use crate::scene::environment::Map;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
-use crate::scene::{Albedo, Camera, Light, Scene};
+use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
 use rayon::prelude::*;
 
 /// Largest optical depth of a step.
@@ -386,23 +385,9 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     /// The ray through a point of the image, within the box.
     #[inline(always)]
     fn range(&self, camera: &Camera, x: f64, y: f64) -> Option<Ray> {
-        let (origin, direction) = camera.ray(x, y);
-        let local = self.volumes.scene.medium.volume.local(origin);
-        let n = self.field.n();
-        let p: [f64; 3] = std::array::from_fn(|a| local[a] / self.h[a]);
-        let v: [f64; 3] = std::array::from_fn(|a| direction[a] / self.h[a]);
-        let (t0, t1) = box_range(p, v, n.map(f64::from))?;
-        let t0 = t0.max(0.0);
-        if t1 <= t0 {
-            return None;
-        }
-        Some(Ray {
-            p: std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, f64::from(n[a])) as f32),
-            v: v.map(|c| c as f32),
-            direction: direction.map(|c| c as f32),
-            length: (t1 - t0) as f32,
-            least_off: (0.1 * camera.pixel_width(0.5 * (t0 + t1))) as f32,
-        })
+        let ViewRay { p, v, direction, start, length } = ViewRay::new(self.volumes.scene, camera, x, y)?;
+        let middle = start + 0.5 * f64::from(length);
+        Some(Ray { p, v, direction, length, least_off: (0.1 * camera.pixel_width(middle)) as f32 })
     }
 
     /// Rays per axis that a pixel needs because a point light in the box stands near its line of sight: 1/d^2 is steep.

@@ -184,7 +184,7 @@ where
         }
         (Tracker::Analytic, _) => {
             let sigma_t = medium.max_sigma_t() as f32;
-            let tracker = Analytic { n: field.n(), sigma_t, score: plan.score, scores };
+            let tracker = Analytic { field, sigma_t, score: plan.score, scores };
             batches::<C>(plan, &OneByOne::<_, C>(tracker), emitters, views, occupancy, control, shot)
         }
         _ => {

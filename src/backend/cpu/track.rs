@@ -4,7 +4,7 @@ use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, exponential, uniform};
 use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Score};
 use crate::scene::block_maxima;
-use crate::scene::field::{Dda, Field, V3, along, leave, local};
+use crate::scene::field::{Dda, Field, V3, along, local};
 
 /// The weights of a photon in `C` channels. With unequal extinctions, one channel (the hero) decides the flight, and the
 /// balance heuristic over the three that might have decided keeps every channel unbiased with bounded weights
@@ -176,7 +176,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
         let scale = 1.0 / self.block as f32;
         let mut cells = Dda::new(p.map(|c| c * scale), v.map(|c| c * scale), [0; 3], self.cells);
         // The last cells may reach over the box.
-        let (face, end) = leave(p, v, self.field.n());
+        let (face, end) = self.field.leave(p, v);
         let mut words = draws.next4();
         let mut free = exponential(words[0], draws);
         let mut t = 0.0f32;
@@ -339,9 +339,9 @@ impl<const CHROMATIC: bool> March<'_, CHROMATIC> {
 }
 
 /// Free flights in closed form through a homogeneous box.
-pub struct Analytic {
-    /// Voxels along x, y, z.
-    pub n: [i32; 3],
+pub struct Analytic<'a> {
+    /// The density.
+    pub field: Field<'a>,
     /// The extinction coefficient.
     pub sigma_t: f32,
     /// How flights score.
@@ -350,23 +350,23 @@ pub struct Analytic {
     pub scores: bool,
 }
 
-impl<const C: usize> Tracker<C> for Analytic {
+impl<const C: usize> Tracker<C> for Analytic<'_> {
     #[inline(always)]
     fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight {
         let words = draws.next4();
-        let (axis, exit) = leave(p, v, self.n);
+        let n = self.field.n();
+        let (axis, exit) = self.field.leave(p, v);
         let free = exponential(words[0], draws) / self.sigma_t.max(1e-30);
         let stop = free.min(exit);
         if self.scores && self.score == Score::Track {
-            score_track(self.n, p, v, (0.0, stop), w.get(), words[3], scorer);
+            score_track(n, p, v, (0.0, stop), w.get(), words[3], scorer);
         }
         if free >= exit {
             return Flight::Exit(2 * axis + usize::from(v[axis] > 0.0));
         }
-        let at: V3 = std::array::from_fn(|a| (p[a] + v[a] * free).clamp(0.0, self.n[a] as f32 * (1.0 - 6e-8)));
+        let at: V3 = std::array::from_fn(|a| (p[a] + v[a] * free).clamp(0.0, n[a] as f32 * (1.0 - 6e-8)));
         if self.scores && self.score == Score::Collisions {
-            let c = at.map(|x| x as i32);
-            let index = ((c[2] * self.n[1] + c[1]) as usize) * self.n[0] as usize + c[0] as usize;
+            let index = self.field.index(at.map(|x| x as i32));
             scorer.score(index, at, w.get().map(|x| x / self.sigma_t), rounding(words[3]));
         }
         Flight::Collision(at)

@@ -3,15 +3,15 @@
 //! A path runs against the light. At a vertex that it reached along `travel`, light that travels along `l` scatters into it
 //! by P(-l . travel).
 
-use super::primary::ViewRay;
 use crate::backend::cpu::light::{Illumination, Source};
 use crate::physics::frame::rotate;
 use crate::physics::rng::{Draws, uniform};
 use crate::physics::{Phase, Real};
 use crate::plan::{Connection, Plan};
 use crate::scene::Light;
+use crate::scene::ViewRay;
 use crate::scene::environment::Map;
-use crate::scene::field::{Field, V3, along, leave};
+use crate::scene::field::{Field, V3, along};
 use std::f32::consts::FRAC_1_PI;
 
 /// The directions of a joint connection: half by the phase function, half by 1 / sine of the angle to the light.
@@ -185,7 +185,7 @@ impl<'a> Connections<'a> {
         let phase = self.phase.pdf(cos_theta);
         let chance = TOWARDS_LIGHT * (0.5 * FRAC_1_PI * FRAC_1_PI) / sin_light + (1.0 - TOWARDS_LIGHT) * phase;
         let v: V3 = std::array::from_fn(|a| direction[a] / self.h[a]);
-        let length = leave(p, v, self.field.n()).1;
+        let length = self.field.leave(p, v).1;
         let Some(place) = Equiangular::new(foot, off, length) else { return [0.0; 3] };
         let t = place.at(uniform(words[2]));
         let y = along(p, v, t);

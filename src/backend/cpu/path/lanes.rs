@@ -448,7 +448,7 @@ fn arrive<const C: usize>(
     let point = |i: usize| -> V3 { std::array::from_fn(|a| p[a][i]) };
     let incident =
         |i: usize| Incident { direction: std::array::from_fn(|a| l[a][i]), falloff: falloff[i], distance: distance[i] };
-    if let Some(density) = course.field.constant() {
+    if let Some(density) = course.field.constant().filter(|_| !course.field.is_ball()) {
         let n = course.field.n();
         for i in 0..N {
             let mut way = distance[i];

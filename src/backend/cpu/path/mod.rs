@@ -131,7 +131,7 @@ where
         }
         (Tracker::Analytic, _) => {
             let sigma_t = plan.scene.medium.max_sigma_t() as f32;
-            let tracker = Analytic { n: field.n(), sigma_t, score: plan.score, scores: false };
+            let tracker = Analytic { field: *field, sigma_t, score: plan.score, scores: false };
             one_by_one::<_, C>(tracker, plan, connections, field, control)
         }
         _ => one_by_one::<_, C>(march::<false>(plan), plan, connections, field, control),

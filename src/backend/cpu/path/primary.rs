@@ -4,46 +4,12 @@ use super::connect::{Connections, Met, Spot};
 use super::{Job, Seen};
 use crate::backend::cpu::shoot::Medium;
 use crate::backend::cpu::track::Weights;
-use crate::physics::flight::box_range;
 use crate::physics::rng::{Draws, split, uniform, uniform64};
-use crate::scene::field::{Field, V3, along};
-use crate::scene::{Camera, Scene};
+use crate::scene::ViewRay;
+use crate::scene::field::{Field, along};
 
 /// The purpose of the random numbers of view rays.
 const VIEW: u32 = 8;
-
-/// A view ray within the box.
-#[derive(Debug, Clone, Copy)]
-pub struct ViewRay {
-    /// Where it enters, in voxels.
-    pub p: V3,
-    /// Voxels per length.
-    pub v: V3,
-    /// Unit direction away from the eye.
-    pub direction: V3,
-    /// Its length in the box.
-    pub length: f32,
-}
-
-impl ViewRay {
-    /// The ray through a point of the image, (0, 0) being its upper left corner; `None` if it misses the box.
-    pub fn new(scene: &Scene, camera: &Camera, x: f64, y: f64) -> Option<Self> {
-        let volume = &scene.medium.volume;
-        let (origin, direction) = camera.ray(x, y);
-        let (local, h) = (volume.local(origin), volume.spacing());
-        let n = volume.n().map(|m| m as f64);
-        let p: [f64; 3] = std::array::from_fn(|a| local[a] / h[a]);
-        let v: [f64; 3] = std::array::from_fn(|a| direction[a] / h[a]);
-        let (t0, t1) = box_range(p, v, n)?;
-        let t0 = t0.max(0.0);
-        (t1 > t0).then(|| ViewRay {
-            p: std::array::from_fn(|a| (p[a] + v[a] * t0).clamp(0.0, n[a]) as f32),
-            v: v.map(|c| c as f32),
-            direction: direction.map(|c| c as f32),
-            length: (t1 - t0) as f32,
-        })
-    }
-}
 
 /// A piece of a line within which the density is one polynomial.
 #[derive(Debug, Clone, Copy)]

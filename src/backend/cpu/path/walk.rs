@@ -130,7 +130,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
             let flight = self.tracker.fly(p, v, &mut w, &mut draws, &mut Silent);
             if !self.emission.is_empty() {
                 let length = match flight {
-                    Flight::Exit(_) => self.density.leave(p, v),
+                    Flight::Exit(_) => self.density.leave(p, v).1,
                     Flight::Collision(at) => {
                         (0..3).map(|a| ((at[a] - p[a]) * self.medium.h[a]).powi(2)).sum::<f32>().sqrt()
                     }
