@@ -42,8 +42,8 @@ class Result:
     K - 1 = `stats.degrees_of_freedom_pixel`. Pixels (and neighbouring voxels) share photons, hence
     their errors are correlated: the error of a mean over pixels does not fall as one over the
     square root of their number. What is found without photons (orders 0 and 1 of points,
-    directions and beams, emission seen directly) has no standard error; a run without photons has zeros, and a single
-    batch leaves the errors unknown: infinite.
+    directions and beams, emission seen directly) has no standard error; a run without photons has
+    zeros, and a single batch leaves the errors unknown: infinite.
     """
 
     def __init__(
