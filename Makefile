@@ -10,7 +10,7 @@ WITH_PYTHON := CARGO_TARGET_DIR=target/python PYO3_PYTHON=$(BIN)/python
 export PATH := $(PATH):$(HOME)/.cargo/bin
 
 # The comparisons with analytic truth and an independent code.
-TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular energy calibration mitsuba)
+TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular environment emission energy calibration mitsuba)
 
 .PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm
 .DELETE_ON_ERROR:

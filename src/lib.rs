@@ -3,7 +3,7 @@
 //! The equation, for the radiance L [W/(m^2 sr)] at x along w, with sigma_s = albedo * sigma_t and the phase function P:
 //!
 //! ```text
-//! w . grad L = -sigma_t L + sigma_s * integral P(w', w) L(x, w') dw'
+//! w . grad L = -sigma_t L + sigma_s * integral P(w', w) L(x, w') dw' + L_e
 //! ```
 //!
 //! | symbol | meaning | unit |
@@ -11,6 +11,7 @@
 //! | `sigma_t` | extinction = `extinction` * density | 1/length |
 //! | albedo | sigma_s / sigma_t | 1 |
 //! | P | phase function | 1/sr |
+//! | L_e | source term (emission) | W/(volume sr) |
 //! | fluence | integral of L over directions | W/area |
 //! | source (J) | integral of P L over directions | W/(area sr) |
 //! | radiance of a voxel | albedo * J towards the eye | W/(area sr) |

@@ -272,31 +272,6 @@ def test_a_shining_void_is_as_bright_as_it_is_long():
     assert result.energy.unscattered == pytest.approx(1, abs=1e-6)
 
 
-def test_light_within_a_voxel_follows_the_interpolated_emission():
-    # Fluence in a void is a convolution of the emission: it tells hats from boxes, and clamped
-    # borders from others, in the voxels where the emission is steep.
-    emission = np.zeros((5, 1, 1), np.float32)
-    emission[[0, 3], 0, 0] = 1, 3
-    result = run(np.zeros((5, 1, 1)), spacing=(1.0, 1e3, 1e3), emission=emission, photons=4e5)
-    fine = np.interp((np.arange(40) + 0.5) / 8, np.arange(5) + 0.5, emission[:, 0, 0])
-    other = run(
-        np.zeros((40, 1, 1)),
-        spacing=(0.125, 1e3, 1e3),
-        emission=fine.reshape(-1, 1, 1),
-        interpolation="nearest",
-        photons=4e5,
-        seed=1,
-    )
-    truth.assert_z(
-        result.fluence.ravel(),
-        other.fluence.reshape(5, 8).mean(1),
-        result.fluence_error.ravel(),
-        np.sqrt((other.fluence_error.reshape(5, 8) ** 2).mean(1)),
-        dof=truth.dof(result),
-        relative=2e-3,
-    )
-
-
 # ------------------------------------------------------------------------------ layers and methods
 
 

@@ -28,11 +28,11 @@ class Record(dict[str, Any]):
 class Energy(Record):
     """Where the light went: `launched` [W], and fractions of it.
 
-    `missed` the volume, `unscattered` through it, `absorbed`, `truncated` at the last order,
-    `roulette` (net, zero mean), `escaped` by face `-x +x -y +y -z +z` after at least one
-    scattering; `error` is the standard error of their sum, or what it lacks of 1 if that is more.
-    Each is tallied or integrated by itself. Floats where the scene is grey,
-    arrays of shape (3,) where it is RGB.
+    `missed` the volume, `unscattered` through it (or out of it, of light that it emits),
+    `absorbed`, `truncated` at the last order, `roulette` (net, zero mean), `escaped` by face
+    `-x +x -y +y -z +z` after at least one scattering; `error` is the standard error of their sum,
+    or what it lacks of 1 if that is more. Each is tallied or integrated by itself. Floats where the
+    scene is grey, arrays of shape (3,) where it is RGB.
     """
 
     def sum(self) -> float | np.ndarray:

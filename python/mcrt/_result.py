@@ -41,8 +41,8 @@ class Result:
     K - 1 = `stats.degrees_of_freedom_pixel`. Pixels (and neighbouring voxels) share photons, hence
     their errors are correlated: the error of a mean over pixels does not fall as one over the
     square root of their number. What is found without photons (orders 0 and 1 of points,
-    directions and beams) has no standard error; a run without photons has zeros, and a single
-    batch leaves the errors unknown: infinite.
+    directions and beams, emission seen directly) has no standard error; a run without photons has
+    zeros, and a single batch leaves the errors unknown: infinite.
     """
 
     def __init__(
@@ -212,7 +212,8 @@ class Result:
     def save_exr(self, path: str | PathLike[str], camera: Camera | None = None) -> None:
         """Write an OpenEXR image, float32: RGBA and the layers total, order0, order1, order2plus.
 
-        RGBA is the total (orders 1 and up) with `alpha`. Needs the package OpenEXR.
+        RGBA is the total (orders 1 and up, and emission) with `alpha`; of a medium that emits there
+        is the layer emission too. Needs the package OpenEXR.
         """
         io.save_exr(self, path, camera)
 

@@ -123,6 +123,12 @@ impl Corners {
         y0 + u[2] * (y1 - y0)
     }
 
+    /// Whether all values are zero.
+    #[inline(always)]
+    pub fn is_zero(&self) -> bool {
+        self.0.as_flattened().iter().all(|&value| value == 0.0)
+    }
+
     /// The interpolated value along `u + s w` as the coefficients of a cubic in `s`.
     #[inline]
     pub fn cubic(&self, u: [f64; 3], w: [f64; 3]) -> [f64; 4] {

@@ -4,6 +4,7 @@
 //! term and its product with the optical depth exactly, what is of higher order to about 1e-6.
 
 use super::light::GAUSS;
+use crate::physics::Real;
 use crate::physics::flight::mean_transmittance;
 use crate::scene::Scene;
 use crate::scene::field::{Corners, Field, V3};
@@ -62,10 +63,12 @@ impl<'a> Glow<'a> {
                     f64::from(p[a]) + f64::from(v[a]) * f64::from(t0) - 0.5 - f64::from(cell[a])
                 });
                 let way = v.map(|c| f64::from(c) * length);
-                let cubic = |corners: Corners| corners.cubic(enter, way);
-                let sigma = cubic(self.density.corners(cell)).map(|c| c * extinction * length);
-                let shines = emission.map(|field| cubic(field.corners(cell)).map(|c| c * length));
-                add_cell(&mut sum, &shines, &sigma, depth);
+                let sigma = self.density.corners(cell).cubic(enter, way).map(|c| c * extinction * length);
+                let corners = emission.map(|field| field.corners(cell));
+                if !corners.iter().all(Corners::is_zero) {
+                    let shines = corners.map(|corners| corners.cubic(enter, way).map(|c| c * length));
+                    add_cell(&mut sum, &shines, &sigma, depth);
+                }
                 depth += integral(&sigma, 1.0);
             } else {
                 let tau = extinction * length * f64::from(self.density.voxel(cell));
@@ -84,10 +87,7 @@ impl<'a> Glow<'a> {
 /// Adds the light of a cell: `shines` and `sigma` are cubics over the cell, in units of its length, `depth` what lies
 /// before it.
 fn add_cell<const K: usize>(sum: &mut [f64; K], shines: &[[f64; 4]; K], sigma: &[f64; 4], depth: f64) {
-    if shines.iter().flatten().all(|&c| c == 0.0) {
-        return;
-    }
-    let (mut at, mut step) = (0.0f64, 1.0f64);
+    let (mut at, mut step, mut through) = (0.0f64, 1.0f64, (-depth).exp());
     while at < 1.0 && depth + integral(sigma, at) <= UNSEEN {
         let end = (at + step).min(1.0);
         if step > SHORTEST && integral(sigma, end) - integral(sigma, at) > PIECE {
@@ -96,10 +96,14 @@ fn add_cell<const K: usize>(sum: &mut [f64; K], shines: &[[f64; 4]; K], sigma: &
         }
         for &(x, w) in GAUSS[3] {
             let s = at + x * (end - at);
-            let seen = w * (end - at) * (-depth - integral(sigma, s)).exp();
+            let within = Real::exp((integral(sigma, at) - integral(sigma, s)) as f32);
+            let seen = w * (end - at) * through * f64::from(within);
             for (sum, shines) in sum.iter_mut().zip(shines) {
                 *sum += seen * value(shines, s);
             }
+        }
+        if end < 1.0 {
+            through = (-depth - integral(sigma, end)).exp();
         }
         at = end;
         step *= 2.0;
