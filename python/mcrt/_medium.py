@@ -141,7 +141,8 @@ class Medium:
         edges = numeric("size", size, "a number or 3 numbers (x, y, z)")
         if edges.shape not in ((), (3,)) or not (edges > 0).all():
             raise wrong("size", "a positive number or 3 (x, y, z)", size)
-        return cls._solid("box", tuple(np.broadcast_to(edges, 3)[::-1]), origin, arguments)
+        corner = vector("origin", origin)
+        return cls._solid("box", tuple(np.broadcast_to(edges, 3)[::-1]), corner, arguments)
 
     @classmethod
     def sphere(cls, radius: float, *, center: ArrayLike = (0, 0, 0), **arguments: Any) -> "Medium":
@@ -155,11 +156,11 @@ class Medium:
             `extinction`, `albedo`, `phase`, `emission` (a number or RGB), as for `Medium`.
         """
         radius = positive("radius", radius)
-        corner = np.subtract(vector("center", center), radius)
+        corner = vector("center", np.subtract(vector("center", center), radius))
         return cls._solid("sphere", 2.0 * radius, corner, arguments)
 
     @classmethod
-    def _solid(cls, shape: str, spacing: Any, origin: ArrayLike, arguments: Any) -> "Medium":
+    def _solid(cls, shape: str, spacing: Any, origin: Any, arguments: Any) -> "Medium":
         """One voxel that stands for a solid."""
         for name in ("spacing", "interpolation", "density"):
             if name in arguments:
