@@ -14,7 +14,7 @@ from mcrt import chart
 def test_chart_draws_every_method(tmp_path, monkeypatch, capsys):
     path = tmp_path / "chart.png"
     small = functools.partial(
-        chart.chart, side=14, resolution=16, photons=(1e3, 1e5), reference_photons=3e5
+        chart.chart, side=14, resolution=16, photons=(1e3, 1e5), paths=(4, 400), reference_photons=3e5
     )
     points = []
     monkeypatch.setattr(command, "chart", lambda *a, **k: points.extend(small(*a, **k)))
@@ -22,14 +22,15 @@ def test_chart_draws_every_method(tmp_path, monkeypatch, capsys):
     assert command.main() == 0
     assert path.read_bytes().startswith(b"\x89PNG")
     printed = capsys.readouterr().out
-    assert all(way in printed for way in ("single", "woodcock", "march", str(path)))
-    assert [point.method for point in points] == ["single"] + 4 * ["photon"]
+    assert all(way in printed for way in ("single", "woodcock", "march", "path", str(path)))
+    assert [point.method for point in points] == ["single"] + 4 * ["photon"] + 2 * ["path"]
     assert all(point.seconds > 0.0 for point in points)
     error = [point.error for point in points]
     # What single leaves out is large here; a hundred times the photons, a tenth of the noise.
     assert error[0] > 0.2
     assert error[2] < 0.5 * error[1]
     assert error[4] < 0.5 * error[3]
+    assert error[6] < 0.3 * error[5]
 
 
 @pytest.mark.parametrize("factor", [3, 5])

@@ -12,16 +12,17 @@ from ._scene import PerspectiveCamera, PointLight
 from ._simulate import simulate
 
 PHOTONS = (1e4, 3e4, 1e5, 3e5, 1e6)
+PATHS = (4, 16, 64, 256)  # per pixel
 TRACKERS = ("woodcock", "march")
 FINER = 3
 
 
 class Point(NamedTuple):
-    """A run: how it was made, its seconds, its relative error."""
+    """A run: how it was made (photons, or paths per pixel), its seconds, its relative error."""
 
     method: str
     tracker: str
-    photons: float
+    samples: float
     seconds: float
     error: float
 
@@ -32,6 +33,7 @@ def chart(
     side: int = 48,
     resolution: int = 96,
     photons: Sequence[float] = PHOTONS,
+    paths: Sequence[float] = PATHS,
     reference_photons: float = 5e6,
     seed: int = 0,
 ) -> list[Point]:
@@ -51,6 +53,8 @@ def chart(
         Pixels along each axis of the image.
     photons : sequence of float
         Photons of the runs of method "photon".
+    paths : sequence of float
+        Paths per pixel of the runs of method "path".
     reference_photons : float
         Photons of the reference.
     seed : int
@@ -70,17 +74,19 @@ def chart(
     truth = reference.image(), reference.image_error()
     ways: list[tuple[str, str, float | None]] = [("single", "auto", None)]
     ways += [("photon", tracker, count) for tracker in TRACKERS for count in photons]
-    print(f"{'method':<8} {'tracker':<9} {'photons':>8} {'seconds':>8} {'error':>8}")
+    ways += [("path", "auto", count) for count in paths]
+    print(f"{'method':<8} {'tracker':<9} {'samples':>8} {'seconds':>8} {'error':>8}")
     points = []
     for method, tracker, count in ways:
         start = time.perf_counter()
+        samples = {"spp" if method == "path" else "photons": count}
         image = simulate(
-            density, method=method, tracker=tracker, photons=count, seed=seed, **scene
+            density, method=method, tracker=tracker, seed=seed, **samples, **scene
         ).image()
         seconds = time.perf_counter() - start
         point = Point(method, tracker, count or 0.0, seconds, relative_error(image, *truth))
         points.append(point)
-        way = f"{method:<8} {tracker:<9} {point.photons:>8.0e}" if count else f"{method:<27}"
+        way = f"{method:<8} {tracker:<9} {point.samples:>8.0e}" if count else f"{method:<27}"
         print(f"{way} {seconds:>8.3f} {point.error:>8.2%}", flush=True)
     _draw(axes, points)
     axes.set_title(f"cloud of {side}³ voxels, {resolution} x {resolution} pixels")
@@ -133,7 +139,7 @@ def _draw(axes: Any, points: list[Point]) -> None:
     """Error over seconds, logarithmic, a line for each way."""
     for way in dict.fromkeys(point[:2] for point in points):
         line = [point for point in points if point[:2] == way]
-        name = way[0] if way[0] == "single" else f"{way[0]}, {way[1]}"
+        name = way[0] if way[1] == "auto" else f"{way[0]}, {way[1]}"
         seconds, errors = [p.seconds for p in line], [100.0 * p.error for p in line]
         axes.loglog(seconds, errors, "*" if len(line) == 1 else "o-", markersize=8, label=name)
     for axis in (axes.xaxis, axes.yaxis):
