@@ -63,6 +63,8 @@ class Plan(Record):
         parts = sorted(self.bytes_by_part.items(), key=lambda part: -part[1])
         memory = ", ".join(f"{name} {show_bytes(size)}" for name, size in parts)
         shots = f"{self.photons:.3g} photons, {self.batches} batches, {self.subvolumes} sub-volumes"
+        if self.method == "path":
+            shots = f"{self.photons:.3g} paths, {self.batches} view rays a pixel"
         return [
             *((str(name), str(choice), str(reason)) for name, choice, reason in self.decisions),
             ("memory", show_bytes(self.bytes), memory),

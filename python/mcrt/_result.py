@@ -261,8 +261,9 @@ class Result:
 
     def __repr__(self) -> str:
         shape = " x ".join(map(str, self._scene["density"].shape))
-        photons = self._data["stats"]["photons"]
-        return f"<mcrt.Result {self.plan.method}, {shape} voxels (z, y, x), {photons:.3g} photons>"
+        walks = f"{self._data['stats']['photons']:.3g} "
+        walks += "paths" if self.plan.method == "path" else "photons"
+        return f"<mcrt.Result {self.plan.method}, {shape} voxels (z, y, x), {walks}>"
 
     def __str__(self) -> str:
         rows = display.summary(self)

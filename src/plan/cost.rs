@@ -27,7 +27,9 @@ pub fn memory(plan: &Plan) -> Memory {
     let grids = light_grids(plan) as u64;
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
-    let wants_source = u64::from(plan.wants_source());
+    let wants_source = u64::from(plan.wants_source() && plan.paths.is_none());
+    // Three sums in double precision, and a copy while a pass runs.
+    let sums = if plan.paths.is_some() { 48 * pixels(plan) * plan.channels as u64 } else { 0 };
     let moments = if !plan.shoots() || !plan.keeps_moments() {
         0
     } else if plan.one_moment() {
@@ -44,6 +46,7 @@ pub fn memory(plan: &Plan) -> Memory {
         ("replicate volumes", values * 4 * (plan.sums() * plan.width()) as u64),
         ("light grids", nodes * 4 * grids),
         ("first collisions", voxels * 4 * first),
+        ("image sums", sums),
         ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
     ];
     if let Some(grid) = &plan.majorant {
@@ -51,6 +54,16 @@ pub fn memory(plan: &Plan) -> Memory {
     }
     parts.retain(|p| p.1 > 0);
     Memory { parts }
+}
+
+/// Pixels of the plan's camera.
+fn pixels(plan: &Plan) -> u64 {
+    plan.scene.camera.resolution.iter().map(|&r| r as u64).product()
+}
+
+/// Paths that the run takes at least.
+pub fn paths(plan: &Plan) -> u64 {
+    plan.paths.as_ref().map_or(0, |paths| pixels(plan) * paths.starts * paths.rays.unwrap_or(paths.pass))
 }
 
 /// Tally bins of all threads beyond this are shared.
@@ -192,9 +205,11 @@ pub fn seconds(plan: &Plan) -> f64 {
     let batches = plan.batches.unwrap_or(plan.subvolumes.max(16) as u64);
     let photons = (plan.batch_photons * batches) as f64 / plan.photons_per_second;
     let folds = batches as f64 * volume.voxels() as f64 * plan.channels as f64 * 5e-9 / threads;
+    let photons = photons + paths(plan) as f64 / plan.photons_per_second;
     let run = light + photons + if plan.shoots() { folds } else { 0.0 };
-    match (plan.batches, plan.settings.time_limit) {
-        (None, Some(limit)) => run.max(limit),
+    let open = plan.batches.is_none() || plan.paths.as_ref().is_some_and(|paths| paths.rays.is_none());
+    match (open, plan.settings.time_limit) {
+        (true, Some(limit)) => run.max(limit),
         _ => run,
     }
 }

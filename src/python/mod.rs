@@ -248,9 +248,10 @@ fn describe<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
     out.set_item("bytes_by_part", parts)?;
     out.set_item("seconds", plan.seconds)?;
     let photons = plan.settings.photons.filter(|_| plan.shoots());
-    let least = plan.batch_photons * plan.batches.unwrap_or(plan.subvolumes.max(8) as u64);
-    out.set_item("photons", photons.unwrap_or(least))?;
-    out.set_item("batches", plan.batches.unwrap_or(plan.subvolumes.max(8) as u64))?;
+    let rounds = plan.batches.unwrap_or(plan.subvolumes.max(8) as u64);
+    let walks = if plan.paths.is_some() { cost::paths(plan) } else { photons.unwrap_or(plan.batch_photons * rounds) };
+    out.set_item("photons", walks)?;
+    out.set_item("batches", plan.paths.as_ref().map_or(rounds, |paths| paths.rays.unwrap_or(paths.pass)))?;
     out.set_item("subvolumes", plan.subvolumes)?;
     out.set_item("warnings", &plan.warnings)?;
     Ok(out)

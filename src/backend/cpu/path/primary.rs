@@ -121,6 +121,9 @@ impl<'j> First<'j> {
         let channels = if plan.chromatic { 3 } else { 1 };
         let met = Met { channels, extinction: connections.extinction, opacity };
         let top = opacity.iter().fold(0.0, |m: f32, &o| m.max(o));
+        if top <= 0.0 {
+            return None;
+        }
         let share = weight * top / job.starts as f32;
         Some(First { ray, share, top, met, profile, field: job.field, draws, starts: job.starts })
     }
