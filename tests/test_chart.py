@@ -14,7 +14,12 @@ from mcrt import chart
 def test_chart_draws_every_method(tmp_path, monkeypatch, capsys):
     path = tmp_path / "chart.png"
     small = functools.partial(
-        chart.chart, side=14, resolution=16, photons=(1e3, 1e5), paths=(4, 400), reference_photons=3e5
+        chart.chart,
+        side=14,
+        resolution=16,
+        photons=(1e3, 1e5),
+        paths=(4, 400),
+        reference_photons=3e5,
     )
     points = []
     monkeypatch.setattr(command, "chart", lambda *a, **k: points.extend(small(*a, **k)))

@@ -81,13 +81,14 @@ impl Light {
         Ok(Light::Environment { radiance, map: Some(Arc::new(map)) })
     }
 
-    /// The name of its kind in Python.
+    /// The name of its kind.
     pub fn name(&self) -> &'static str {
         match self {
             Light::Point { .. } => "PointLight",
             Light::Pencil { .. } => "PencilBeam",
             Light::Directional { .. } => "DirectionalLight",
-            Light::Environment { .. } => "EnvironmentLight",
+            Light::Environment { map: None, .. } => "EnvironmentLight",
+            Light::Environment { map: Some(_), .. } => "EnvironmentLight (map)",
         }
     }
 
