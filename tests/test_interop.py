@@ -172,9 +172,14 @@ def test_albedo_per_voxel():
     more = {"albedo": albedo, "interpolation": "nearest"}
     light = LIGHTS["point"]
     given = arguments(light, **more)
-    images = render(mcrt.interop.to_mitsuba(volume(), **given))
-    true = mcrt.simulate(volume(), **given, method="single").image()
-    other = mcrt.simulate(volume(), **(given | {"albedo": albedo[::-1]}), method="single").image()
+    images = render(mcrt.interop.to_mitsuba(volume(), **given), spp=8192)
+
+    def ours(albedo):
+        zoomed = given | {"albedo": albedo, "camera": suite.zoomed(given["camera"], 16)}
+        image = mcrt.simulate(volume(), **zoomed, method="single").image()
+        return image.reshape(6, 16, 8, 16).mean((1, 3))
+
+    true, other = ours(albedo), ours(albedo[::-1])
     assert truth.relative_rms(images.mean(0), true) < 0.01
     assert truth.relative_rms(images.mean(0), other) > 0.1
 
@@ -190,6 +195,36 @@ def test_camera_inside():
     assert_images(images, true, "inside")
 
 
+@pytest.mark.parametrize(
+    ("origin", "unit", "bias"),
+    [((2, -3, 1), 1.0, 5e-4), ((9, 9, 9), 1.0, 5e-4), ((0, 0, 0), 0.01, 7e-3)],
+)
+def test_ray_epsilon_takes_little(origin, unit, bias):
+    """Optical depth 30 in one voxel: order 1 is right, wherever the box is and however large.
+
+    In a box that coincides with the voxels it was 0.6 %, 2 % and 13 % too dark.
+    """
+    size, sigma = np.array([6.0, 7.0, 8.0]), 30 / 7
+    view = truth.View((-8.6, -19, 16), (3.1, 3.3, 3.9), (12, 10), fov=27)
+    lamp = truth.Point((14.0, -2.0, 15.0), 300.0)
+    true = truth.single_image(view, size, sigma, 0.9, truth.isotropic, lamp, sub=12, segments=24)
+
+    def moved(point):
+        return tuple((np.array(point) + origin) * unit)
+
+    scene = mcrt.interop.to_mitsuba(
+        np.ones((1, 1, 1)),
+        spacing=unit * size[::-1],
+        origin=moved((0, 0, 0)),
+        extinction=sigma / unit,
+        light=mcrt.PointLight(moved(lamp.position), lamp.intensity * unit**2),
+        camera=replace(view, origin=moved(view.origin), target=moved(view.target)).camera(),
+        max_scatterings=1,
+    )
+    means = render(scene).mean((1, 2))
+    truth.assert_z(means.mean(), true.mean(), stats.sem(means), dof=len(means) - 1, relative=bias)
+
+
 def test_result_plan_and_arguments_are_one_scene():
     given = arguments(LIGHTS["point"], albedo=(0.9, 0.5, 0.2))
     volume_given = {k: given[k] for k in ("spacing", "origin", "extinction", "albedo")}
@@ -203,7 +238,6 @@ def test_result_plan_and_arguments_are_one_scene():
     for scene in scenes:
         assert str(scene) == str(scenes[0])
     assert scenes[0]["integrator"]["max_depth"] == 2
-    assert scenes[0]["medium"]["type"] == "homogeneous"
 
 
 def test_defaults_and_dark_scenes_load():
