@@ -12,7 +12,7 @@ from test_mitsuba_pairs import LEVEL
 METHODS = [m for m in suite.AXES["method"] if m not in suite.LATER["method"]]
 THICK = "woodcock, linear, hg .3, outside, 5, grey, 0.9, 3, perspective"
 THIN = "woodcock, linear, isotropic, directional, 5, grey, 0.9, 0.1, perspective"
-MORE = {THICK: 1, THIN: 16}  # times the usual samples of Mitsuba
+MORE = {THICK: 1, THIN: 8}  # times the usual samples of Mitsuba
 
 
 def shifted(axis):
