@@ -10,7 +10,7 @@ WITH_PYTHON := CARGO_TARGET_DIR=target/python PYO3_PYTHON=$(BIN)/python
 export PATH := $(PATH):$(HOME)/.cargo/bin
 
 # The comparisons with analytic truth and an independent code.
-TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular environment emission energy calibration mitsuba)
+TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular environment emission energy calibration voxel_bias path mitsuba interop mitsuba_pairs mitsuba_wrong)
 
 .PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm
 .DELETE_ON_ERROR:
@@ -19,7 +19,7 @@ help:
 	@echo "make demo      build, simulate light in a real MRI volume, write demo/*.png"
 	@echo "make test      every test and check, Rust and Python"
 	@echo "make bench     how fast it is, as ratios measured in one run (BENCH='cube60 cloud --large': these groups, 512^3 too)"
-	@echo "make validate  the comparisons with analytic truth and with Mitsuba, one line each"
+	@echo "make validate  the comparisons with analytic truth and with Mitsuba, one line each, hours the first time"
 	@echo "make fmt       format the Rust and Python sources"
 	@echo "make clean     remove what was built (.venv, target, demo)"
 	@echo "PYTHON=...     another Python (>= 3.11) than python3"
@@ -47,6 +47,7 @@ bench: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
 
 validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
 	$(BIN)/python -m pytest -v $(TRUTHS)
+	$(BIN)/python tests/validate.py
 
 fmt: check-lint $(VENV)/.test
 	cargo fmt

@@ -9,7 +9,7 @@ Arrays are C-order (nz, ny, nx); `spacing` is (dz, dy, dx); points are world (x,
 
 from importlib.metadata import version as _version
 
-from . import datasets
+from . import datasets, interop
 from ._errors import DeviceLostError, McrtError, NoAdapterError, SceneError, VolumeTooLargeError
 from ._info import show_info
 from ._medium import Medium
@@ -52,6 +52,7 @@ __all__ = [
     "VolumeTooLargeError",
     "__version__",
     "datasets",
+    "interop",
     "plan",
     "show_info",
     "simulate",

@@ -58,6 +58,8 @@ class Plan(Record):
     `decisions` (name, choice, reason), `bytes`, `bytes_by_part`, `seconds` (an estimate).
     """
 
+    _scene: tuple[dict[str, Any], dict[str, Any]] | None = None  # and settings, of `mcrt.plan`
+
     def rows(self) -> list[tuple[str, str, str]]:
         """The lines of the plan: name, choice, reason."""
         parts = sorted(self.bytes_by_part.items(), key=lambda part: -part[1])

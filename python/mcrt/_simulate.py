@@ -142,7 +142,9 @@ def plan(volume: ArrayLike | Medium, **arguments: Any) -> Plan:
     call = inspect.signature(simulate).bind(volume, **arguments)
     call.apply_defaults()
     scene, settings, _ = _parse(dict(call.arguments))
-    return Plan(_mcrt.plan(scene, settings))
+    planned = Plan(_mcrt.plan(scene, settings))
+    planned._scene = scene, settings
+    return planned
 
 
 def _parse(arguments: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], Any]:
