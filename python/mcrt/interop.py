@@ -60,8 +60,9 @@ def to_mitsuba(scene: ArrayLike | Medium | Plan | Result, **arguments: Any) -> D
     8.9e-5 (1 + its largest coordinate) deep inside, and what would scatter on the way is lost:
     order 1 of a homogeneous box of optical depth 30 is 0.5 % too dark in the best of units, and
     13 % where its sides are 0.1 long. Grids end where they should, whatever surrounds them: hence
-    the larger box (right within 0.1 %, and 0.6 % where the sides are 0.1 long). A `PointLight`
-    inside the medium is too bright by 8.9e-4 of its optical depth, and its variance is infinite. A
+    the larger box (right within 0.1 %, and 0.6 % where the sides are 0.1 long). A `Medium.sphere`
+    has no such help. A `PointLight` inside the medium is too bright by 8.9e-4 of its optical depth,
+    and its variance is infinite. A
     `TabulatedPhase` whose cosines are not equidistant is resampled at 4097 points, between which it
     stays linear.
     """
@@ -78,7 +79,6 @@ def to_mitsuba(scene: ArrayLike | Medium | Plan | Result, **arguments: Any) -> D
     if sum(light[0] == "environment" for light in spec["lights"]) > 1:
         raise SceneError("Mitsuba takes one environment; add the EnvironmentLights up in a map")
     chromatic = len(set(spec["extinction"])) > 1
-    middle, half = _shape(spec)
     return {
         "type": "scene",
         "integrator": {
@@ -87,11 +87,10 @@ def to_mitsuba(scene: ArrayLike | Medium | Plan | Result, **arguments: Any) -> D
             "rr_depth": 1_000_000,
             "hide_emitters": True,
         },
-        "medium": _medium(mi, spec),
+        "medium": _ball(spec) if spec["shape"] == "sphere" else _medium(mi, spec),
         "sensor": _sensor(mi, spec, "rgb" if rgb else "luminance"),
-        "box": {  # the cube is [-1, 1]^3
-            "type": "cube",
-            "to_world": mi.ScalarTransform4f().translate(middle.tolist()).scale(half.tolist()),
+        "box": {
+            **_shape(mi, spec),
             "bsdf": {"type": "null"},
             "interior": {"type": "ref", "id": "medium"},
         },
@@ -147,11 +146,21 @@ def _size(spec: Dict) -> np.ndarray:
     return np.multiply(spec["density"].shape, spec["spacing"])[::-1]
 
 
-def _shape(spec: Dict) -> tuple[np.ndarray, np.ndarray]:
+def _holder(spec: Dict) -> tuple[np.ndarray, np.ndarray]:
     """Middle and half extents of the box that holds the medium, larger by 4 ray epsilons."""
     low, size = np.array(spec["origin"]), _size(spec)
     farthest = np.maximum(np.abs(low), np.abs(low + size)).max()
     return low + size / 2, size / 2 + 4 * EPSILON * (1 + farthest)
+
+
+def _shape(mi: Any, spec: Dict) -> Dict:
+    """The sphere, or the box that holds the medium."""
+    middle, half = _holder(spec)
+    if spec["shape"] == "sphere":
+        radius = float(_size(spec)[0]) / 2
+        return {"type": "sphere", "center": middle.tolist(), "radius": radius}
+    scaled = mi.ScalarTransform4f().translate(middle.tolist()).scale(half.tolist())
+    return {"type": "cube", "to_world": scaled}  # the cube is [-1, 1]^3
 
 
 def _box(mi: Any, spec: Dict) -> Any:
@@ -160,6 +169,12 @@ def _box(mi: Any, spec: Dict) -> Any:
 
 
 # Medium
+
+
+def _ball(spec: Dict) -> Dict:
+    """The homogeneous medium of a sphere."""
+    medium = {"type": "homogeneous", "sigma_t": _value(spec["extinction"])}
+    return medium | {"albedo": _value(spec["albedo"]), "phase": _phase(spec["phase"])}
 
 
 def _medium(mi: Any, spec: Dict) -> Dict:
@@ -266,7 +281,7 @@ def _sensor(mi: Any, spec: Dict, pixel_format: str) -> Dict:
     transform = mi.ScalarTransform4f().look_at(
         origin=list(origin), target=list(target), up=_up(origin, target, up)
     )
-    middle, half = _shape(spec)
+    middle, half = _holder(spec)
     corners = middle + half * (2 * np.indices((2, 2, 2)).reshape(3, 8).T - 1)
     inside = bool(np.all(np.abs(origin - middle) < half))
     far = 2.0 * np.linalg.norm(corners - origin, axis=1).max()

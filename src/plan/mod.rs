@@ -472,12 +472,10 @@ pub const LEAST_SCORED_DEPTH: f64 = 0.3;
 
 /// Why photons or paths must be walked one by one, whatever the tracker; `None` where lanes may walk them.
 fn refuses_lanes(scene: &Scene, settings: &Settings, method: Method, chromatic: bool) -> Option<&'static str> {
-    let path = method == Method::Path;
     match settings.simd {
         Some(Simd::Scalar) => Some("MCRT_SIMD = scalar"),
         _ if chromatic => Some("extinction differs between channels"),
-        _ if !path && scene.is_many_coloured() => Some("each photon has a colour of its own"),
-        _ if path && scene.medium.emission.is_some() => Some("flights gather what the medium emits"),
+        _ if method == Method::Path && scene.medium.emission.is_some() => Some("flights gather what the medium emits"),
         // Lanes count voxels in 32 bits.
         _ if u32::try_from(scene.medium.volume.voxels()).is_err() => Some("there are more than 2^32 voxels"),
         _ => None,

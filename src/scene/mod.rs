@@ -75,15 +75,6 @@ impl<'a> Scene<'a> {
         let rgb = self.medium.is_rgb() || self.lights.iter().any(|l| l.value().is_rgb);
         if rgb { 3 } else { 1 }
     }
-
-    /// Whether the colour of emitted light changes with its place or direction.
-    pub fn is_many_coloured(&self) -> bool {
-        let map = |light: &Light| match light {
-            Light::Environment { map: Some(map), .. } => map.channels() > 1,
-            _ => false,
-        };
-        self.medium.emission.as_ref().is_some_and(|e| e.channels() > 1) || self.lights.iter().any(map)
-    }
 }
 
 /// The largest density in each block of `block`^3 voxels and up to `reach` voxels around it, x fastest. A lookup with

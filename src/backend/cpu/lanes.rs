@@ -224,7 +224,11 @@ impl<const C: usize> Seeds<C> {
         let weight: [f32; C] = std::array::from_fn(|c| task.emitter.colour[c] * task.scale);
         let (draws, start) = task.start(tables.course.seed, self.next);
         self.next += 1;
-        let Start::Flight { p, direction } = start else { return energies.add(Share::Missed, weight) };
+        let (p, direction, weight) = match start {
+            Start::Flight { p, direction } => (p, direction, weight),
+            Start::Coloured { p, direction, weight } => (p, direction, std::array::from_fn(|c| weight[c] * task.scale)),
+            Start::Miss | Start::Collision { .. } => return energies.add(Share::Missed, weight),
+        };
         for a in 0..3 {
             self.p[a][0] = p[a];
             self.d[a][0] = direction[a];
