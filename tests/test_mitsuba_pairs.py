@@ -12,7 +12,7 @@ LEVEL = suite.level(CASES)
 
 @pytest.mark.parametrize("case", CASES, ids=suite.name)
 def test_images_are_those_of_mitsuba(case):
-    found = suite.compare(suite.ours(case)[0], suite.reference(case)[0], suite.allowance(case))
+    found = suite.compare(case, suite.ours(case)[0], suite.reference(case)[0])
     assert found.p.min() > LEVEL, str(found)
 
 
