@@ -15,6 +15,7 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import conftest  # noqa: F401
 import drjit
 import mcrt
 import mitsuba as mi

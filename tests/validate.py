@@ -9,13 +9,11 @@ import sys
 import time
 from pathlib import Path
 
-import conftest
 import matplotlib.pyplot as plt
 import mitsuba_cases as suite
 import numpy as np
 from scipy import stats
 
-assert conftest  # sets the environment of Dr.Jit
 TO = Path(__file__).parents[1] / "target" / "validate"
 PICTURES = 6
 
