@@ -15,6 +15,7 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import conftest  # noqa: F401
 import drjit
 import mcrt
 import mitsuba as mi
@@ -187,7 +188,7 @@ def phase(name):
 def light(name, size):
     return {
         "outside": lambda: mcrt.PointLight(ORIGIN + size * (2.3, -0.4, 1.9), 300.0),
-        "inside": lambda: mcrt.PointLight(ORIGIN + size * (0.31, 0.17, 0.59), 10.0),
+        "inside": lambda: mcrt.PointLight(ORIGIN + size * (0.31, 0.1, 0.59), 10.0),
         "directional": lambda: mcrt.DirectionalLight((-0.6, 0.35, -0.7), 2.0),
         "constant": lambda: mcrt.EnvironmentLight(1.0),
         "mapped": lambda: mcrt.EnvironmentLight(sky()),
@@ -367,7 +368,7 @@ def budget(case):
     """
     thick = case["tau"] == "30" and case["volume"] != "homogeneous"
     if case["light"] == "inside":
-        return (2048 if thick else 16384), 24
+        return (2048 if thick else 8192), 24
     if thick:
         return {"1": 1024, "5": 256, "all": 64}[case["orders"]], 24
     sharp = case["phase"] == "hg .9" and case["light"] in ("outside", "directional")
@@ -526,7 +527,8 @@ class Comparison:
     @property
     def z(self):
         """Without the allowance: N(0, 1) if there is no bias."""
-        return deviate(self.difference / self.error, self.dof)
+        z = deviate(self.difference / self.error, self.dof)
+        return z[np.isfinite(self.error)]
 
     def __str__(self):
         block, channel = np.unravel_index(np.argmin(self.p), self.p.shape)
@@ -541,8 +543,14 @@ def deviate(t, dof):
     return np.sign(t) * stats.norm.isf(p)
 
 
-def compare(ours, true, allowance=0.0):
-    """Welch's t of features (seeds, 10, channels), in units of the image's mean."""
+def compare(case, ours, true):
+    """Welch's t of features (seeds, 10, channels), in units of the image's mean.
+
+    Blocks that few of Mitsuba's paths reach (deep shadow beside a light inside) have a skewed
+    distribution, of which the seeds tell neither mean nor variance: those of a relative error above
+    `RARE` are not compared.
+    """
+    inside = case["light"] == "inside"
     scale = true[:, :1].mean(0)
     means, parts, weights = [], [], []
     for samples in (ours, true):
@@ -554,10 +562,17 @@ def compare(ours, true, allowance=0.0):
     total = sum(parts)
     error = np.sqrt(total + ROUNDING**2)
     dof = np.divide(total**2, sum(weights), out=np.full_like(total, 1e6), where=total > 0)
-    return Comparison(means[0] - means[1], error, dof, allowance * np.maximum(means[1], FLOOR))
+    rare = parts[1] > (RARE * means[1]) ** 2
+    if inside:
+        rare |= true.max(0) == 0
+    error[rare] = np.inf
+    return Comparison(
+        means[0] - means[1], error, dof, allowance(case) * np.maximum(means[1], FLOOR)
+    )
 
 
 ROUNDING = 5e-5  # of the image's mean: single precision in both
+RARE = 0.15
 FLOOR = 0.1  # of the image's mean, what darker blocks are measured by
 
 

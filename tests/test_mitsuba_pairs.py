@@ -3,7 +3,9 @@
 All comparisons together raise a false alarm with probability `suite.ALPHA` at most.
 """
 
+import mcrt
 import mitsuba_cases as suite
+import numpy as np
 import pytest
 
 CASES = suite.covering(2)
@@ -12,7 +14,9 @@ LEVEL = suite.level(CASES)
 
 @pytest.mark.parametrize("case", CASES, ids=suite.name)
 def test_images_are_those_of_mitsuba(case):
-    found = suite.compare(suite.ours(case)[0], suite.reference(case)[0], suite.allowance(case))
+    if case["light"] == "inside" and not suite.select_variant():
+        pytest.skip("the reference of a light inside needs LLVM 19")
+    found = suite.compare(case, suite.ours(case)[0], suite.reference(case)[0])
     assert found.p.min() > LEVEL, str(found)
 
 
@@ -22,3 +26,16 @@ def test_the_table_holds_every_combination(strength):
     assert all(suite.possible(case) for case in cases)
     held = set().union(*(suite.subsets(case, strength) for case in cases))
     assert held >= suite.combinations(strength).keys()
+
+
+NOT_BUILT = {
+    "path": lambda: mcrt.plan(np.ones((2, 2, 2)), method="path"),
+    "mapped": lambda: mcrt.EnvironmentLight(suite.sky()),
+}
+
+
+@pytest.mark.parametrize("name", [n for names in suite.LATER.values() for n in names])
+def test_what_the_table_leaves_out_is_not_built(name):
+    """Where this fails, take the name out of `suite.LATER`: the table then has it."""
+    with pytest.raises(mcrt.SceneError, match="not yet available"):
+        NOT_BUILT[name]()
