@@ -26,16 +26,3 @@ def test_the_table_holds_every_combination(strength):
     assert all(suite.possible(case) for case in cases)
     held = set().union(*(suite.subsets(case, strength) for case in cases))
     assert held >= suite.combinations(strength).keys()
-
-
-NOT_BUILT = {
-    "path": lambda: mcrt.plan(np.ones((2, 2, 2)), method="path"),
-    "mapped": lambda: mcrt.EnvironmentLight(suite.sky()),
-}
-
-
-@pytest.mark.parametrize("name", [n for names in suite.LATER.values() for n in names])
-def test_what_the_table_leaves_out_is_not_built(name):
-    """Where this fails, take the name out of `suite.LATER`: the table then has it."""
-    with pytest.raises(mcrt.SceneError, match="not yet available"):
-        NOT_BUILT[name]()
