@@ -3,9 +3,7 @@
 All comparisons together raise a false alarm with probability `suite.ALPHA` at most.
 """
 
-import mcrt
 import mitsuba_cases as suite
-import numpy as np
 import pytest
 
 CASES = suite.covering(2)
