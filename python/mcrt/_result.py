@@ -127,19 +127,19 @@ class Result:
             raise wrong("order", 'None, 0, 1, "2+" or "emission"', order)
         if order == "2+" and self.plan.method == "single":
             raise SceneError('method "single" holds no orders above 1; use method="photon"')
-        layers = self._gather(camera)
         if order is None:
+            layers = self._seen(camera, "order1", "order2", "emitted")
             return layers["order1"] + layers["order2"] + layers["emitted"]
-        return layers[ORDERS[order]].copy()
+        return self._seen(camera, ORDERS[order])[ORDERS[order]].copy()
 
     def image_error(self, camera: Camera | None = None) -> np.ndarray:
         """Standard error of `image(camera)` [W/(sr length^2)]; see the notes of the class."""
         self._need_errors()
-        return self._gather(camera, replicates=True)["error"].copy()
+        return self._seen(camera, "error")["error"].copy()
 
     def alpha(self, camera: Camera | None = None) -> np.ndarray:
         """Opacity of each pixel, 1 - transmittance: 0 where the background is seen unweakened."""
-        return 1.0 - self._gather(camera)["transmittance"]
+        return 1.0 - self._seen(camera, "transmittance")["transmittance"]
 
     # Statistics
 
@@ -308,20 +308,28 @@ class Result:
         sigma_a = coalbedo * extinction * self._scene["density"][..., np.newaxis]
         return sigma_a if self.plan.channels == 3 else sigma_a[..., 0]
 
-    def _gather(self, camera: Camera | None, replicates: bool = False) -> dict[str, np.ndarray]:
-        """The layers that a camera sees; those of the last cameras are kept."""
+    def _seen(self, camera: Camera | None, *names: str) -> dict[str, np.ndarray]:
+        """Layers that a camera sees, among them those of the given names."""
         if "image" not in self._settings["outputs"]:
             raise missing("image", self._settings["outputs"])
         spec = (self.camera if camera is None else as_camera(camera))._spec()
-        layers = self._layers.get(spec)
-        if self.plan.method == "path" and spec != self.camera._spec():
+        if self.plan.method != "path":
+            return self._gather(spec, "error" in names)
+        if spec != self.camera._spec():
             raise SceneError(
                 'a "path" result holds the image of its own camera only; use method="photon", or '
                 "run again with camera=..."
             )
+        traced = {name: self._data[name] for name in PIXELS}
+        if self._scene["emission"] is None:
+            traced["emitted"] = np.zeros_like(traced["order1"])
+        return traced if traced.keys() >= set(names) else self._gather(spec, False) | traced
+
+    def _gather(self, spec: tuple[Any, ...], replicates: bool) -> dict[str, np.ndarray]:
+        """The layers that a camera gathers; those of the last cameras are kept."""
+        layers = self._layers.get(spec)
         if layers is None or (replicates and "error" not in layers):
             layers = _mcrt.gather(self._scene, self._volumes(), spec, replicates)
-            layers |= {name: self._data[name] for name in PIXELS if name in self._data}
             if replicates and "error" not in layers:  # no photons, or a single batch of them
                 unknown = np.inf if self._data["stats"]["photons"] else 0.0
                 layers["error"] = np.full_like(layers["order1"], unknown)

@@ -79,7 +79,7 @@ def chart(
     points = []
     for method, tracker, count in ways:
         start = time.perf_counter()
-        samples = {"spp" if method == "path" else "photons": count}
+        samples: dict[str, Any] = {"spp" if method == "path" else "photons": count}
         image = simulate(
             density, method=method, tracker=tracker, seed=seed, **samples, **scene
         ).image()
