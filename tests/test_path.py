@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import truth
 from scipy import stats
-from test_environment import radiance, sphere
+from test_environment import radiance
 from truth import Directional, Point, View
 
 SHAPE, SPACING = (5, 6, 7), (1.1, 0.6, 0.8)
@@ -222,9 +222,15 @@ def test_order_1_of_a_homogeneous_medium_is_its_quadrature(
 
 
 @pytest.mark.parametrize("simd", ["", "scalar"])
-@pytest.mark.parametrize("interpolation", ["nearest", "linear"])
-@pytest.mark.parametrize("light", [FAR, SUN], ids=["point", "directional"])
-@pytest.mark.parametrize(("view", "extinction"), [(VIEW, 0.5), (INSIDE, 2.0)])
+@pytest.mark.parametrize(
+    ("interpolation", "light", "view", "extinction"),
+    [
+        ("nearest", FAR, VIEW, 0.5),
+        ("nearest", SUN, INSIDE, 2.0),
+        ("linear", SUN, VIEW, 0.5),
+        ("linear", FAR, INSIDE, 2.0),
+    ],
+)
 def test_order_1_of_voxels_is_their_quadrature(
     interpolation, light, view, extinction, simd, monkeypatch
 ):
@@ -364,10 +370,15 @@ def test_one_bright_texel_is_a_directional_light(simd, monkeypatch):
     monkeypatch.setenv("MCRT_SIMD", simd)
     texels = np.zeros((64, 128, 3), np.float32)
     texels[20, 90] = 1000.0, 500.0, 100.0
-    d, weight = sphere(1500)
-    near = radiance(texels, d)
-    flux = weight * near.sum(0)
-    middle = (near[:, :1] * d).sum(0)
+    # Its bilinear tent, from nodes of a midpoint rule around it.
+    step = np.pi / 64
+    row, column = (np.indices((120, 120)) + 0.5) / 60 - 1
+    polar, azimuth = (20.5 + row) * step, (90.5 + column - 64) * step
+    s = np.sin(polar)
+    d = np.stack([s * np.sin(azimuth), s * np.cos(azimuth), np.cos(polar)], -1)
+    sent = radiance(texels, d) * s[..., None] * (step / 60) ** 2
+    flux = sent.sum((0, 1))
+    middle = (sent[..., :1] * d).sum((0, 1))
     common = {
         "spacing": SPACING,
         "extinction": 1.0,
@@ -589,7 +600,7 @@ def around(view, light, image, corners=16):
     width, height = view.resolution
     places, weights = [], []
     for row, column in np.ndindex(height, width):
-        square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) + (column, row)
+        square = np.add([(0, 0), (1, 0), (1, 1), (0, 1)], (column, row))
         at, how = [], []
         for a, b in zip(square, np.roll(square, -1, 0), strict=True):
             edge = a - image + v[..., None] * (b - a)
@@ -781,6 +792,14 @@ def test_alpha_of_a_sphere_is_one_less_the_transmittance_of_its_chords(sigma, vi
     assert truth.relative_rms(result.alpha(), true) < (0.02 if view is BALL else 0.005)
 
 
+@pytest.mark.parametrize("pixels", [4, 8, 16, 32])
+def test_alpha_of_a_box_is_one_less_the_transmittance_of_its_chords(pixels):
+    view = View((-9, -14, 12), (1.2, 1.2, 1.2), (pixels, pixels), width=4.4)
+    result = run(mcrt.Medium.box(2.4), light=(), camera=view.camera(), spp=8)
+    true = truth.transmittance_image(view, np.ones((1, 1, 1)), (2.4, 2.4, 2.4), sub=24)
+    assert truth.relative_rms(result.alpha(), 1 - true) < 0.01  # edges cross all pixels
+
+
 @pytest.mark.parametrize("simd", ["", "scalar"])
 @pytest.mark.parametrize("sigma", [0.3, 2.0])
 @pytest.mark.parametrize("view", [BALL, WITHIN])
@@ -855,7 +874,7 @@ def replicas(kind, simd):
             phase=mcrt.HenyeyGreenstein(0.3),
             light=lit(SUN),
             camera=VIEW.camera(),
-            spp=1600,
+            spp=800,
             seed=seed,
             threads=1,
         )
@@ -875,10 +894,10 @@ def test_error_bars_have_the_right_size(kind, simd, monkeypatch):
     z, relative = replicas(kind, simd)
     pixels = z.shape[1]
     free = (SEEDS - 1) * pixels
-    # Errors are known to a few percent (400 rays): they widen z by as little.
+    # Errors are known to a few percent (200 rays): they widen z by as little.
     low, high = stats.chi2.interval(1 - truth.ALPHA, free)
     assert low * 0.97 < (z**2).sum() < high * 1.05
-    assert relative.max() < 0.15
+    assert relative.max() < 0.2
     # Pixels are independent: the sum over them scatters as the root of their number.
     sums = z.sum(1) / np.sqrt(pixels)
     low, high = stats.chi2.interval(1 - truth.ALPHA, SEEDS - 1)

@@ -514,7 +514,7 @@ def test_a_path_result_holds_one_image_only():
     result = run()
     other = camera(eye=(-25.0, -5.0, 40.0))
     for name in ("fluence", "radiance", "absorbed", "fluence_error", "radiance_error"):
-        with pytest.raises(mcrt.SceneError, match='images only.*method="photon"'):
+        with pytest.raises(mcrt.SceneError, match=r'images only.*method="photon"'):
             getattr(result, name)
     for call in (result.image, result.image_error, result.alpha):
         with pytest.raises(mcrt.SceneError, match="own camera only"):
