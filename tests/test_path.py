@@ -140,7 +140,7 @@ def eye(view, x, y):
     return np.broadcast_to(np.asarray(view.origin, float), d.shape), d
 
 
-def order_one(density, spacing, linear, view, light, albedo, pdf, cells=(6, 6, 24), repeats=10):
+def order_one(density, spacing, linear, view, light, albedo, pdf, cells=(5, 5, 20), repeats=8):
     """Order 1 of a voxel volume: stratified sampling, its mean and standard error by pixel."""
     rng, (w, h) = np.random.default_rng(3), view.resolution
     size = np.multiply(density.shape, spacing)[::-1]
@@ -697,7 +697,7 @@ def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(sim
         mcrt.Medium.box(24.0, albedo=albedo),
         light=lit(light),
         camera=view.camera(),
-        spp=20_000 if simd else 80_000,
+        spp=15_000 if simd else 50_000,
     )
     o, d, weight = around(view, light, project(view, light.position), corners=8)
     to = np.asarray(light.position) - o
@@ -717,7 +717,7 @@ def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(sim
     one = (source * np.exp(-r) / (4 * np.pi * r**2)).sum(-1)
     two = (source * more).sum(-1)
     one, two = ((part * weight).sum(-1) for part in (one, two))
-    assert_image(result, one + two, relative=1e-3, largest=0.004, what="all orders")
+    assert_image(result, one + two, relative=1e-3, largest=0.006, what="all orders")
     layer = result.image(order="2+"), result.image_error()
     assert_image(layer, two, relative=1e-3, what="orders 2 and up")
     again = run(
@@ -786,10 +786,10 @@ WITHIN = View((0.3, 0.5, -0.2), (1, 0, 0), (4, 3), fov=80)
 @pytest.mark.parametrize("sigma", [0.3, 2.0])
 def test_alpha_of_a_sphere_is_one_less_the_transmittance_of_its_chords(sigma, view):
     result = run(mcrt.Medium.sphere(1.7, extinction=sigma), light=(), camera=view.camera(), spp=8)
-    _, _, near, far, hit = ball_rays(view, 1.7, 100)
+    _, _, near, far, hit = ball_rays(view, 1.7, 30 if view is FINE else 100)
     true = np.where(hit, -np.expm1(-sigma * (far - near)), 0).mean(-1)
-    # Deterministic, from some rays a pixel: 0.5 % as images of voxels, 2 % where they are coarse.
-    assert truth.relative_rms(result.alpha(), true) < (0.02 if view is BALL else 0.005)
+    # Deterministic, from some rays a pixel: 1 % where a rim crosses pixels, as images of voxels.
+    assert truth.relative_rms(result.alpha(), true) < (0.005 if view is WITHIN else 0.01)
 
 
 @pytest.mark.parametrize("pixels", [4, 8, 16, 32])
