@@ -569,10 +569,10 @@ def test_each_channel_is_its_own_grey_run(kind, scale, tracker):
     extinction = scale * np.array([0.2, 1.0, 4.0])
     common = {"spacing": SPACING, "light": light, "camera": VIEW.camera(), "albedo": 0.9}
     common |= {"phase": mcrt.HenyeyGreenstein(0.5)}
-    rgb = run(cloud(), extinction=extinction, tracker=tracker, spp=8000, **common)
+    rgb = run(cloud(), extinction=extinction, tracker=tracker, spp=5000, **common)
     assert "spectral MIS" in way(rgb.plan, "channels")
     for c in range(3):
-        grey = run(cloud(), extinction=extinction[c], spp=8000, seed=c + 1, **common)
+        grey = run(cloud(), extinction=extinction[c], spp=5000, seed=c + 1, **common)
         mine = rgb.image()[..., c], rgb.image_error()[..., c]
         assert_image(mine, grey.image(), grey.image_error(), what=f"channel {c}")
 
@@ -659,12 +659,12 @@ def test_order_1_of_a_light_inside_is_its_quadrature(
         light=lit(light),
         camera=view.camera(),
         max_scatterings=1,
-        spp=40_000,
+        spp=24_000,
     )
     assert "next to it" in way(result.plan, "light")
     o, d, weight = around(view, light, project(view, light.position))
     true = truth.single_scattering(o, d, SIZE, sigma, 0.9, pdf, light, segments=8, order=8)
-    assert_image(result, (true * weight).sum(-1), relative=5e-4, largest=0.01)
+    assert_image(result, (true * weight).sum(-1), relative=5e-4, largest=0.015)
 
 
 @pytest.mark.parametrize("simd", ["", "scalar"])
@@ -697,7 +697,7 @@ def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(sim
         mcrt.Medium.box(24.0, albedo=albedo),
         light=lit(light),
         camera=view.camera(),
-        spp=15_000 if simd else 50_000,
+        spp=12_000 if simd else 30_000,
     )
     o, d, weight = around(view, light, project(view, light.position), corners=8)
     to = np.asarray(light.position) - o
@@ -717,7 +717,7 @@ def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(sim
     one = (source * np.exp(-r) / (4 * np.pi * r**2)).sum(-1)
     two = (source * more).sum(-1)
     one, two = ((part * weight).sum(-1) for part in (one, two))
-    assert_image(result, one + two, relative=1e-3, largest=0.006, what="all orders")
+    assert_image(result, one + two, relative=1e-3, largest=0.008, what="all orders")
     layer = result.image(order="2+"), result.image_error()
     assert_image(layer, two, relative=1e-3, what="orders 2 and up")
     again = run(
@@ -758,6 +758,24 @@ def test_a_light_inside_has_a_finite_variance(simd, albedo, monkeypatch):
     truth.assert_z(
         images.mean(0), long.image(), np.sqrt((errors**2).sum(0)) / seeds, long.image_error()
     )
+
+
+@pytest.mark.parametrize("simd", ["", "scalar"])
+def test_the_brightest_samples_near_a_light_are_rare(simd, monkeypatch):
+    """Single samples of orders 2 and up, of rays that pass close to a light inside.
+
+    By 1 / distance of a vertex from the light, which is drawn evenly in space, the chance of more
+    than x falls as x^-3; by 1 / distance^2, as plain connections have it, as x^-1.5, which has no
+    variance. Hill's estimate from the 300 largest of 160,000 is uncertain by 0.17, and 2.2 is
+    exceeded by the latter with a probability of 1e-5 at most; it takes 4.5 standard errors to fall
+    below it with the former.
+    """
+    monkeypatch.setenv("MCRT_SIMD", simd)
+    view = View((14, -9, 11), LAMP.position, (400, 400), width=0.3)
+    medium = mcrt.Medium.box(SIZE, albedo=1.0, extinction=0.3)
+    result = run(medium, light=lit(LAMP), camera=view.camera(), spp=1, seed=2)
+    samples = np.sort(result.image(order="2+").astype(float).ravel())[::-1]
+    assert 1 / np.log(samples[:300] / samples[300]).mean() > 2.2
 
 
 # --------------------------------------------------------------------------------------- spheres
@@ -816,7 +834,7 @@ def test_order_1_of_a_sphere_is_its_quadrature(sigma, view, simd, monkeypatch):
             light=lit(light),
             camera=view.camera(),
             max_scatterings=1,
-            spp=40_000,
+            spp=24_000,
         )
         if isinstance(light, Point):
             travel = p - np.asarray(light.position)
@@ -831,7 +849,7 @@ def test_order_1_of_a_sphere_is_its_quadrature(sigma, view, simd, monkeypatch):
         value = truth.hg(0.3)(cosine) * falloff * np.exp(-sigma * (t - near[..., None] + back))
         true = 0.9 * sigma * (value * w / 2).sum(-1) * (far - near)
         true = np.where(hit, true, 0).mean(-1)
-        assert_image(result, true, relative=1e-3, largest=0.003, what=f"{light}")
+        assert_image(result, true, relative=1e-3, largest=0.004, what=f"{light}")
 
 
 def test_a_sphere_is_the_limit_of_voxels():
@@ -859,7 +877,7 @@ def test_a_sphere_is_the_limit_of_voxels():
 # ----------------------------------------------------------------------------------- calibration
 
 STARTS = {"thin": ("walked", 0.15), "opaque": ("flown", 3.0)}
-SEEDS = 60
+SEEDS = 44
 
 
 @functools.cache

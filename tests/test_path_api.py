@@ -120,7 +120,7 @@ def test_few_samples_are_unbiased():
     """A view ray with one path, two, three: the mean of many runs is that of a long one."""
     reference = run(spp=40_000, seed=10**6, max_scatterings=3)
     for spp in (1, 2, 3, 5):
-        runs = [run(spp=spp, seed=seed, max_scatterings=3).image().mean() for seed in range(60)]
+        runs = [run(spp=spp, seed=seed, max_scatterings=3).image().mean() for seed in range(40)]
         error = np.hypot(
             np.std(runs, ddof=1) / np.sqrt(len(runs)),
             np.sqrt(np.sum(reference.image_error().astype(float) ** 2)) / 140,
