@@ -94,8 +94,14 @@ def _error(weights: tuple[float, float], a: np.ndarray, b: np.ndarray) -> np.nda
 
 
 def _stats(a: dict[str, Any], b: dict[str, Any]) -> dict[str, Any]:
-    """Counts and seconds add up; the sub-volumes, and so the degrees of freedom, stay as many."""
+    """Counts and seconds add up; the sub-volumes, and so the degrees of freedom, stay as many.
+
+    View rays do not: pixels of paths have those of both runs.
+    """
     stats = {**a, **{name: a[name] + b[name] for name in COUNTS}}
+    if a.get("spp") is not None:
+        for name in ("spp", "degrees_of_freedom_pixel"):
+            stats[name] = a[name] + b[name]
     stats["seconds"] = {
         stage: a["seconds"].get(stage, 0.0) + b["seconds"].get(stage, 0.0)
         for stage in {**a["seconds"], **b["seconds"]}

@@ -17,6 +17,8 @@ use rayon::prelude::*;
 
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;
+/// Parts that a solid without voxels is seen in.
+const SOLID: f64 = 16.0;
 /// A ray ends where its transmittance is below exp(-this).
 pub(super) const OPAQUE: f32 = 12.0;
 
@@ -204,6 +206,8 @@ fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
     // From within, what is seen lies at about half the radius.
     let distance = (0..3).map(|a| (eye[a] - 0.5 * size[a]).powi(2)).sum::<f64>().sqrt().max(0.5 * radius);
     let h = volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    // What a single voxel shows is its outline and the lengths of its chords.
+    let h = if volume.voxels() == 1 { h / SOLID } else { h };
     let voxels = camera.pixel_width(distance) / h;
     // Two rays per voxel resolve what is linear between centres; constant voxels have edges in any pixel.
     let smooth = volume.linear() || volume.is_constant();
