@@ -210,6 +210,11 @@ def test_target_error_is_reached_and_honest():
     assert 0.5 * 0.03 < np.sqrt(np.mean(ratios)) < 1.2 * 0.03
 
 
+def test_a_run_to_an_error_has_the_bits_of_its_samples():
+    result = run(spp=None, target_error=0.03)
+    np.testing.assert_array_equal(run(spp=result.stats.spp).image(), result.image())
+
+
 def test_no_budget_is_two_percent():
     result = run(spp=None)
     assert result.stats.stopped_by == "target_error"

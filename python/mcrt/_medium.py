@@ -139,7 +139,7 @@ class Medium:
             `extinction`, `albedo`, `phase`, `emission` (a number or RGB), as for `Medium`.
         """
         edges = numeric("size", size, "a number or 3 numbers (x, y, z)")
-        if edges.shape not in ((), (3,)) or not (edges > 0).all():
+        if edges.shape not in ((), (3,)) or not ((edges > 0) & np.isfinite(edges)).all():
             raise wrong("size", "a positive number or 3 (x, y, z)", size)
         corner = vector("origin", origin)
         return cls._solid("box", tuple(np.broadcast_to(edges, 3)[::-1]), corner, arguments)
@@ -156,7 +156,10 @@ class Medium:
             `extinction`, `albedo`, `phase`, `emission` (a number or RGB), as for `Medium`.
         """
         radius = positive("radius", radius)
-        corner = vector("center", np.subtract(vector("center", center), radius))
+        middle = np.array(vector("center", center))
+        if not np.isfinite(middle).all():
+            raise wrong("center", "3 finite numbers (x, y, z)", center)
+        corner = vector("center", middle - radius)
         return cls._solid("sphere", 2.0 * radius, corner, arguments)
 
     @classmethod

@@ -66,10 +66,10 @@ impl Job<'_> {
 pub struct Seen<const C: usize> {
     /// What all of it is to be multiplied by.
     pub share: f32,
-    /// Scattered once.
-    pub one: [f32; C],
+    /// Scattered once. In double precision, so that the order in which paths end leaves no trace.
+    pub one: [f64; C],
     /// Scattered more often.
-    pub more: [f32; C],
+    pub more: [f64; C],
 }
 
 impl<const C: usize> Seen<C> {
@@ -78,7 +78,7 @@ impl<const C: usize> Seen<C> {
     pub fn add(&mut self, order: u32, light: [f32; C]) {
         let sum = if order == 1 { &mut self.one } else { &mut self.more };
         for c in 0..C {
-            sum[c] += light[c];
+            sum[c] += f64::from(light[c]);
         }
     }
 }
@@ -229,7 +229,7 @@ fn passes<const C: usize>(
                 for (sum, rays) in sums.iter_mut().zip(seen.chunks(count)) {
                     for ray in rays {
                         for c in 0..C {
-                            let [one, more] = [ray.one[c], ray.more[c]].map(|x| f64::from(x) * f64::from(ray.share));
+                            let [one, more] = [ray.one[c], ray.more[c]].map(|x| x * f64::from(ray.share));
                             let all = one + more;
                             sum.one[c] += one;
                             sum.all[c] += all;
