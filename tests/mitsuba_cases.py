@@ -366,9 +366,12 @@ def budget(case):
 
     Enough that 1 % of extinction is seen where tau is 3; a case takes a few seconds.
     """
-    thick = case["tau"] == "30" and case["volume"] != "homogeneous"
+    deep = case["tau"] == "30"
+    thick = deep and case["volume"] != "homogeneous"
     if case["light"] == "inside":
-        return (2048 if thick else 8192), 24
+        return {"1": 2048, "5": 1024, "all": 256}[case["orders"]] if deep else 8192, 24
+    if deep and case["orders"] == "all" and not thick:
+        return 512, 24
     if thick:
         return {"1": 1024, "5": 256, "all": 64}[case["orders"]], 24
     sharp = case["phase"] == "hg .9" and case["light"] in ("outside", "directional")

@@ -3,12 +3,14 @@
 
 mod angular;
 pub mod cost;
+mod explain;
 mod lights;
 pub mod majorant;
 pub mod path;
 mod probe;
 pub mod settings;
 
+pub use explain::Decision;
 pub use lights::{Column, Direct, Emission, LightPlan, points_for};
 pub use majorant::{MajorantGrid, StepCosts};
 pub use path::{Connection, PathPlan};
@@ -16,19 +18,9 @@ pub use settings::{Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
 use crate::physics::harmonics::count;
-use crate::scene::{Emission as Glow, Light, Scene};
+use crate::scene::Scene;
 use cost::Memory;
-
-/// A decision with its reason, as EXPLAIN prints them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Decision {
-    /// What was decided.
-    pub name: &'static str,
-    /// What was chosen.
-    pub choice: String,
-    /// Why, with its number.
-    pub reason: String,
-}
+use explain::Explain;
 
 /// How fluence is scored along a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -345,78 +337,6 @@ impl<'a> Plan<'a> {
     /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).
     pub fn wants_source(&self) -> bool {
         self.orders > 0 && (self.settings.radiance || self.settings.image)
-    }
-}
-
-#[derive(Default)]
-struct Explain {
-    decisions: Vec<Decision>,
-}
-
-impl Explain {
-    fn push(&mut self, name: &'static str, choice: String, reason: String) {
-        self.decisions.push(Decision { name, choice, reason });
-    }
-
-    fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {
-        let (choice, reason) = if emits && method == Method::Path {
-            ("met by paths between their vertices", "seen directly it is integrated along view rays")
-        } else if emits {
-            ("photons start in the medium, drawn by what it emits", "seen directly it is integrated along view rays")
-        } else {
-            ("no photons", "it is zero everywhere")
-        };
-        let colour = if glow.channels() > 1 { "RGB" } else { "grey" };
-        self.push("emission", format!("{colour}: {choice}"), reason.into());
-    }
-
-    fn connection(&mut self, light: &Light, how: &Connection) {
-        let (choice, reason) = match how {
-            Connection::Corrected(chance) => (
-                "connected by the light grid".into(),
-                format!("put right by a light ray with the chance {chance:.3}, which keeps it unbiased"),
-            ),
-            Connection::Ray => ("connected by light rays".to_string(), "exact".into()),
-            Connection::Near => (
-                "in the medium or next to it".into(),
-                "points are drawn by their distance from it, so that the variance is finite".into(),
-            ),
-            Connection::Environment => ("met by what leaves the volume".into(), String::new()),
-        };
-        self.push("light", format!("{}: {choice}", light.name()), reason);
-    }
-
-    fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
-        let name = light.name();
-        let direct = match plan.direct {
-            Direct::Quadrature { points, .. } => format!("order 0 by {points}^3 points a voxel"),
-            Direct::Beam => "order 0 exact along the beam".into(),
-            Direct::Sampled => "order 0 by photons".into(),
-        };
-        let column = match (plan.direct, plan.column) {
-            (Direct::Beam, _) | (Direct::Sampled, Column::Grid) => String::new(),
-            (_, Column::Grid) => ", depth towards it from the light grid".into(),
-            (_, Column::Rays) => ", depth towards it by light rays".into(),
-        };
-        let emission = match plan.emission {
-            Emission::Nothing => "no photons",
-            Emission::AtLight => "photons start at the light",
-            Emission::FirstCollision => "photons start at their first collision",
-        };
-        self.push(
-            "light",
-            format!("{name}: {emission}; {direct}{column}"),
-            format!(
-                "a voxel's optical depth is at most {depth:.3}{}",
-                match light {
-                    Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 => format!(
-                        ", interpolating the light grid would err by {:.2} % in the image",
-                        100.0 * plan.interpolation_error
-                    ),
-                    _ => String::new(),
-                }
-            ),
-        );
     }
 }
 

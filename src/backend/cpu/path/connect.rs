@@ -101,7 +101,7 @@ impl<'a> Connections<'a> {
     /// The radiance of a map that is scattered along the path at a vertex, over the albedo there, from a direction drawn from
     /// the map: the other part.
     #[inline(always)]
-    pub fn from_map(&self, map: &Map, p: V3, travel: V3, words: [u32; 4]) -> [f32; 3] {
+    pub fn under_map(&self, map: &Map, p: V3, travel: V3, words: [u32; 4]) -> [f32; 3] {
         let (d, density) = map.sample(uniform(words[0]), uniform(words[1]));
         let cos_theta = d[0] * travel[0] + d[1] * travel[1] + d[2] * travel[2];
         let phase = self.phase.pdf(cos_theta.clamp(-1.0, 1.0));

@@ -42,8 +42,8 @@ impl<'a, const C: usize> Laned<'a, C> {
 }
 
 impl<const C: usize> Tracer<C> for Laned<'_, C> {
-    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync)) {
-        dispatch(self.simd, Run { tables: self, job, seen, halted });
+    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync)) -> u64 {
+        dispatch(self.simd, Run { tables: self, job, seen, halted })
     }
 }
 
@@ -56,10 +56,10 @@ struct Run<'r, 'a, F, const C: usize> {
 }
 
 impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
-    type Output = ();
+    type Output = u64;
 
     #[inline(always)]
-    fn run(self) {
+    fn run(self) -> u64 {
         let Run { tables, job, seen, halted } = self;
         let course = &tables.course;
         let mut lanes = Lanes::<C>::new(tables);
@@ -69,6 +69,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
         let (mut dead, mut hit) = (all, 0u32);
         let mut flying = 0u32;
         let mut since = 0u32;
+        let mut collisions = 0u64;
         loop {
             while dead != 0 && seeds.ready(tables, job, seen) {
                 let lane = dead.trailing_zeros() as usize;
@@ -82,9 +83,10 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             }
             since += 1;
             if since.is_multiple_of(PATIENCE) && halted() {
-                return;
+                return collisions;
             }
             if hit != 0 {
+                collisions += u64::from(hit.count_ones());
                 alive &= !lanes.collide(tables, hit, &mut queue, seen);
                 lanes.turn(tables, hit);
             }
@@ -109,6 +111,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             };
         }
         queue.flush(tables, seen, 0);
+        collisions
     }
 }
 
@@ -194,7 +197,7 @@ impl<const C: usize> Lanes<C> {
             }
         }
         for lane in bits(if connections.maps.is_empty() { 0 } else { hit & !ended }) {
-            self.from_maps(tables, lane, seen);
+            self.under_maps(tables, lane, seen);
         }
         if !connections.near.is_empty() {
             for lane in bits(hit & !ended) {
@@ -231,13 +234,13 @@ impl<const C: usize> Lanes<C> {
 
     /// Adds the light of maps that is scattered at the collision of a lane, from directions drawn from the maps.
     #[inline(always)]
-    fn from_maps(&self, tables: &Laned<C>, lane: usize, seen: &mut [Seen<C>]) {
+    fn under_maps(&self, tables: &Laned<C>, lane: usize, seen: &mut [Seen<C>]) {
         let flights = &self.flights;
         let [p, d]: [V3; 2] = [&flights.p, &flights.d].map(|rows| std::array::from_fn(|a| rows[a][lane]));
         let index = [flights.index[0][lane], flights.index[1][lane]];
         for (number, map) in (MAPS..).zip(&tables.connections.maps) {
             let words = words(tables.course.seed, index, flights.block[lane], number);
-            let scattered = tables.connections.from_map(map, p, d, words);
+            let scattered = tables.connections.under_map(map, p, d, words);
             let light = std::array::from_fn(|c| self.weight[c][lane] * scattered[c]);
             seen[self.slot[lane] as usize].add(self.order[lane], light);
         }

@@ -23,6 +23,7 @@ use connect::Connections;
 use lanes::Laned;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use walk::OneByOne;
 
 /// View rays of a job, about: many enough to fill lanes, few enough for all threads to end together.
@@ -85,8 +86,8 @@ impl<const C: usize> Seen<C> {
 
 /// How the paths of a job are walked: one by one, or in lanes.
 pub trait Tracer<const C: usize>: Sync {
-    /// Walks all paths of a job, adding to what each of its view rays sees.
-    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync));
+    /// Walks all paths of a job, adding to what each of its view rays sees; gives the number of real collisions.
+    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync)) -> u64;
 }
 
 /// Sums over the view rays of a pixel.
@@ -203,6 +204,7 @@ fn passes<const C: usize>(
     };
     let dark = plan.orders == 0 || plan.scene.medium.max_albedo() == 0.0 || plan.scene.medium.max_sigma_t() == 0.0;
     let mut stopped = Stopped::Photons;
+    let collisions = AtomicU64::new(0);
     let mut done = 0u64;
     let mut goal = paths.rays.unwrap_or(if plan.target_error.is_some() { ROUND } else { u64::MAX });
     if dark {
@@ -225,7 +227,8 @@ fn passes<const C: usize>(
                 let dark = Seen { share: 0.0, one: [0.0; C], more: [0.0; C] };
                 seen.clear();
                 seen.resize(sums.len() * count, dark);
-                tracer.trace(&job(first..first + sums.len(), rays.clone()), seen, &halted);
+                let met = tracer.trace(&job(first..first + sums.len(), rays.clone()), seen, &halted);
+                collisions.fetch_add(met, Relaxed);
                 for (sum, rays) in sums.iter_mut().zip(seen.chunks(count)) {
                     for ray in rays {
                         for c in 0..C {
@@ -268,7 +271,19 @@ fn passes<const C: usize>(
         goal = (done as f64 * factor).ceil() as u64;
     }
     let taken = if dark { 0 } else { done * paths.starts * (width * height) as u64 };
-    Ok(Outcome { pixels: Some(estimate(&sums, done)), photons: taken, batches: done, stopped, ..Outcome::default() })
+    let mut warnings = plan.warnings.clone();
+    if taken > 0 && done == 1 {
+        warnings.push("one view ray a pixel only: standard errors are not known (infinite)".into());
+    }
+    Ok(Outcome {
+        pixels: Some(estimate(&sums, done)),
+        photons: taken,
+        collisions: collisions.into_inner(),
+        batches: done,
+        stopped,
+        warnings,
+        ..Outcome::default()
+    })
 }
 
 /// Means and standard errors over `n` rays per pixel.

@@ -38,11 +38,12 @@ pub struct OneByOne<'a, T, const C: usize> {
 }
 
 impl<const C: usize, T: Tracker<C>> Tracer<C> for OneByOne<'_, T, C> {
-    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync)) {
+    fn trace(&self, job: &Job, seen: &mut [Seen<C>], halted: &(impl Fn() -> bool + Sync)) -> u64 {
+        let mut collisions = 0;
         let mut profile = Profile::default();
         for (at, sum) in seen.iter_mut().enumerate() {
             if halted() {
-                return;
+                return collisions;
             }
             let Some(mut first) = First::new(job, self.connections, &mut profile, at) else { continue };
             sum.share = first.share;
@@ -61,14 +62,15 @@ impl<const C: usize, T: Tracker<C>> Tracer<C> for OneByOne<'_, T, C> {
                         Flight::Collision(p) => (p, w),
                     }
                 };
-                self.path(job, (p, first.ray.direction), w, draws, sum, halted);
+                collisions += u64::from(self.path(job, (p, first.ray.direction), w, draws, sum, halted));
             }
         }
+        collisions
     }
 }
 
 impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
-    /// Walks one path from its first collision to its end.
+    /// Walks one path from its first collision to its end; gives the number of collisions.
     fn path(
         &self,
         job: &Job,
@@ -77,7 +79,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
         mut draws: Draws,
         sum: &mut Seen<C>,
         halted: &impl Fn() -> bool,
-    ) {
+    ) -> u32 {
         let plan = job.plan;
         let phase = &plan.scene.medium.phase;
         let (last, connections) = (plan.orders, self.connections);
@@ -91,7 +93,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
             let after = w.get();
             let top = after.iter().fold(0.0, |m: f32, &x| m.max(x));
             if top <= 0.0 || order >= last {
-                return;
+                return order + 1;
             }
             order += 1;
             if !connections.far.is_empty() {
@@ -100,7 +102,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
             }
             if last == u32::MAX && top < ROULETTE {
                 if uniform(words[3]) > SURVIVAL {
-                    return;
+                    return order;
                 }
                 w.value = w.value.map(|x| x * (1.0 / SURVIVAL));
             }
@@ -117,11 +119,11 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
             }
             let weight = w.get();
             for map in &connections.maps {
-                let scattered = connections.from_map(map, p, direction, draws.next4());
+                let scattered = connections.under_map(map, p, direction, draws.next4());
                 sum.add(order, std::array::from_fn(|c| weight[c] * scattered[c]));
             }
             if order == last && !connections.has_background() && self.emission.is_empty() {
-                return;
+                return order;
             }
             let (cos_theta, sin_theta) = phase.sample(uniform(words[0]));
             direction = rotate(direction, cos_theta, sin_theta, uniform(words[1]));
@@ -141,12 +143,12 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
                 Flight::Exit(_) => {
                     let (weight, met) = (w.get(), connections.met(direction, phase.pdf(cos_theta)));
                     sum.add(order, std::array::from_fn(|c| weight[c] * met[c]));
-                    return;
+                    return order;
                 }
                 Flight::Collision(at) => p = at,
             }
             if order.is_multiple_of(PATIENCE) && halted() {
-                return;
+                return order;
             }
         }
     }

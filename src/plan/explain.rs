@@ -1,0 +1,89 @@
+//! Why a plan is as it is: its decisions, each with its reason and number.
+
+use super::{Column, Connection, Direct, Emission, LightPlan, Method};
+use crate::scene::Light;
+use crate::scene::medium::Emission as Glow;
+
+/// A decision with its reason, as EXPLAIN prints them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Decision {
+    /// What was decided.
+    pub name: &'static str,
+    /// What was chosen.
+    pub choice: String,
+    /// Why, with its number.
+    pub reason: String,
+}
+
+/// The decisions as they are made.
+#[derive(Default)]
+pub(super) struct Explain {
+    pub decisions: Vec<Decision>,
+}
+
+impl Explain {
+    pub fn push(&mut self, name: &'static str, choice: String, reason: String) {
+        self.decisions.push(Decision { name, choice, reason });
+    }
+
+    pub fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {
+        let (choice, reason) = if emits && method == Method::Path {
+            ("met by paths between their vertices", "seen directly it is integrated along view rays")
+        } else if emits {
+            ("photons start in the medium, drawn by what it emits", "seen directly it is integrated along view rays")
+        } else {
+            ("no photons", "it is zero everywhere")
+        };
+        let colour = if glow.channels() > 1 { "RGB" } else { "grey" };
+        self.push("emission", format!("{colour}: {choice}"), reason.into());
+    }
+
+    pub fn connection(&mut self, light: &Light, how: &Connection) {
+        let (choice, reason) = match how {
+            Connection::Corrected(chance) => (
+                "connected by the light grid".into(),
+                format!("put right by a light ray with the chance {chance:.3}, which keeps it unbiased"),
+            ),
+            Connection::Ray => ("connected by light rays".to_string(), "exact".into()),
+            Connection::Near => (
+                "in the medium or next to it".into(),
+                "points are drawn by their distance from it, so that the variance is finite".into(),
+            ),
+            Connection::Environment => ("met by what leaves the volume".into(), String::new()),
+        };
+        self.push("light", format!("{}: {choice}", light.name()), reason);
+    }
+
+    pub fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
+        let name = light.name();
+        let direct = match plan.direct {
+            Direct::Quadrature { points, .. } => format!("order 0 by {points}^3 points a voxel"),
+            Direct::Beam => "order 0 exact along the beam".into(),
+            Direct::Sampled => "order 0 by photons".into(),
+        };
+        let column = match (plan.direct, plan.column) {
+            (Direct::Beam, _) | (Direct::Sampled, Column::Grid) => String::new(),
+            (_, Column::Grid) => ", depth towards it from the light grid".into(),
+            (_, Column::Rays) => ", depth towards it by light rays".into(),
+        };
+        let emission = match plan.emission {
+            Emission::Nothing => "no photons",
+            Emission::AtLight => "photons start at the light",
+            Emission::FirstCollision => "photons start at their first collision",
+        };
+        self.push(
+            "light",
+            format!("{name}: {emission}; {direct}{column}"),
+            format!(
+                "a voxel's optical depth is at most {depth:.3}{}",
+                match light {
+                    Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 => format!(
+                        ", interpolating the light grid would err by {:.2} % in the image",
+                        100.0 * plan.interpolation_error
+                    ),
+                    _ => String::new(),
+                }
+            ),
+        );
+    }
+}
