@@ -58,7 +58,7 @@ def pictures(chosen, found):
     for axis, method in zip(axes[-1], suite.AXES["method"], strict=True):
         of = [f.z.ravel() for case, f in found if case["method"] == method]
         if of:
-            axis.hist(np.concatenate(of), 50, (-5, 5), density=True)
+            axis.hist(np.concatenate(of), 50, range=(-5, 5), density=True)
         axis.plot(x, stats.norm.pdf(x))
         axis.set_title(f"{method}: z, and N(0, 1)", fontsize=8)
     figure.tight_layout()
