@@ -351,6 +351,8 @@ def calls(draw):
         arguments[name] = draw(GOOD[name])
     for name in draw(st.sets(st.sampled_from(sorted(WILD)), max_size=2)):
         arguments[name] = draw(WILD[name])
+    if "spp" in arguments:  # every pixel has its paths
+        arguments["camera"] = mcrt.PerspectiveCamera((9, -9, 9), (1, 1, 1), resolution=(4, 3))
     return volume, arguments
 
 
