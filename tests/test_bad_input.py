@@ -112,6 +112,7 @@ BAD_ARGUMENTS = [
     ({"detector": 1}, "detector is not yet available"),
     ({"spp": 0}, "spp must be"),
     ({"spp": 16, "method": "photon"}, "spp is for method"),
+    ({"photons": None, "method": "path", "angular": "sh"}, "angular is for method"),
     ({"photons": 100, "method": "path"}, "photons is given, but method"),
     ({"photons": None, "method": "path", "outputs": ("fluence",)}, "images only"),
     (

@@ -49,7 +49,13 @@ impl Explain {
                 "in the medium or next to it".into(),
                 "points are drawn by their distance from it, so that the variance is finite".into(),
             ),
-            Connection::Environment => ("met by what leaves the volume".into(), String::new()),
+            Connection::Environment => match light {
+                Light::Environment { map: Some(_), .. } => (
+                    "met by what leaves the volume, and drawn from".into(),
+                    "phase function and map, weighed by the balance heuristic".into(),
+                ),
+                _ => ("met by what leaves the volume".into(), "it is the same in all directions".into()),
+            },
         };
         self.push("light", format!("{}: {choice}", light.name()), reason);
     }

@@ -122,6 +122,11 @@ impl<'a> Plan<'a> {
         };
 
         let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
+        if method == Method::Path && settings.angular != Angular::Eye {
+            return scene_error(
+                "angular is for method = \"photon\": paths are traced for one camera, and keep nothing else",
+            );
+        }
         if method == Method::Path && (settings.fluence || settings.radiance) {
             return scene_error(
                 "outputs: method = \"path\" gives images only; use method = \"photon\" for values of voxels",
@@ -192,7 +197,10 @@ impl<'a> Plan<'a> {
         if let Some(glow) = &medium.emission {
             why.emission(glow, emits, method);
         }
-        let (harmonics, truncation) = angular::choose(scene, settings, target_error, &mut why);
+        let (harmonics, truncation) = match method {
+            Method::Path => (None, None),
+            _ => angular::choose(scene, settings, target_error, &mut why),
+        };
         let (layers, routes) = match method {
             Method::Path => (Vec::new(), [(None, None); 3]),
             _ => choose_layers(scene, settings, (&lights, emits), shoots_scattered, orders, harmonics.is_some()),

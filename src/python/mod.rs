@@ -4,7 +4,7 @@ mod convert;
 mod watch;
 
 use crate::backend::cpu::angular::Towards;
-use crate::backend::cpu::gather::{Volumes, beams, image, scattered};
+use crate::backend::cpu::gather::{Volumes, beams, image};
 use crate::backend::cpu::{self, pixel_error};
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
@@ -193,11 +193,11 @@ fn gather<'py>(
                 }
             }
             let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
-            let picture = image(&volumes, &camera, None, channels, &stop);
+            let picture = image(&volumes, &camera, None, channels, true, &stop);
             let error = own_sub.as_deref().or(subvolumes).map(|s| {
                 let each =
                     Volumes { scene: &parsed, occupancy, lights: Vec::new(), source: Some(s), source0: None, channels };
-                pixel_error::spread(&scattered(&each, &camera, None, channels * k, &stop).order2, k).1
+                pixel_error::spread(&image(&each, &camera, None, channels * k, false, &stop).order2, k).1
             });
             let bias = source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
             (picture, error, bias)

@@ -20,6 +20,8 @@ use crate::scene::{Volume, block_maxima};
 
 /// Flights taken together.
 pub const N: usize = 32;
+/// All lanes, as bits.
+pub const ALL: u32 = (1u32 << (N - 1) << 1).wrapping_sub(1);
 /// Lanes that may wait between two cells while the others collide.
 const FLYING: u32 = N as u32 / 4;
 

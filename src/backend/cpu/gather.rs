@@ -60,33 +60,14 @@ pub(super) struct Sums<const C: usize, const S: usize> {
     pub column: f32,
 }
 
-/// The layers of all pixels, or of the given ones.
+/// The layers of all pixels, or of the given ones. What the medium emits and what lies behind it, which no photon has to do
+/// with, are looked for if `whole`, and else stay zero.
 pub fn image(
     volumes: &Volumes,
     camera: &Camera,
     pixels: Option<&[usize]>,
     stride: usize,
-    stop: &(impl Fn() -> bool + Sync),
-) -> Image {
-    layers(volumes, camera, pixels, (stride, true), stop)
-}
-
-/// The same without what the medium emits and what lies behind it, whose layers stay zero.
-pub fn scattered(
-    volumes: &Volumes,
-    camera: &Camera,
-    pixels: Option<&[usize]>,
-    stride: usize,
-    stop: &(impl Fn() -> bool + Sync),
-) -> Image {
-    layers(volumes, camera, pixels, (stride, false), stop)
-}
-
-fn layers(
-    volumes: &Volumes,
-    camera: &Camera,
-    pixels: Option<&[usize]>,
-    (stride, whole): (usize, bool),
+    whole: bool,
     stop: &(impl Fn() -> bool + Sync),
 ) -> Image {
     match (volumes.channels, stride) {
@@ -96,7 +77,7 @@ fn layers(
         (3, 3) => gather::<3, 3>(volumes, camera, pixels, whole, stop),
         (3, 24) => gather::<3, 24>(volumes, camera, pixels, whole, stop),
         (3, 48) => gather::<3, 48>(volumes, camera, pixels, whole, stop),
-        (channels, stride) => replicate_by_replicate(volumes, camera, pixels, channels, (stride, whole), stop),
+        _ => replicate_by_replicate(volumes, camera, pixels, stride, whole, stop),
     }
 }
 
@@ -105,10 +86,11 @@ fn replicate_by_replicate(
     volumes: &Volumes,
     camera: &Camera,
     pixels: Option<&[usize]>,
-    channels: usize,
-    (stride, whole): (usize, bool),
+    stride: usize,
+    whole: bool,
     stop: &(impl Fn() -> bool + Sync),
 ) -> Image {
+    let channels = volumes.channels;
     let k = stride / channels;
     let mut all = Image::default();
     for replicate in 0..k {
@@ -121,7 +103,7 @@ fn replicate_by_replicate(
             source0: None,
             channels,
         };
-        let one = layers(&part, camera, pixels, (channels, whole && replicate == 0), stop);
+        let one = image(&part, camera, pixels, channels, whole && replicate == 0, stop);
         if replicate == 0 {
             all = Image { order2: vec![0.0; one.order2.len() * k], ..one.clone() };
         }

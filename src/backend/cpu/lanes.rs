@@ -5,7 +5,7 @@
 //! voxel that a photon crosses often enough to have a normal spread: where the medium is thinner, they are raised.
 
 use super::emit::{Cursor, FirstCollisions, Start};
-use super::flights::{Course, Flights, N, Row, Scored, bits, mask, rounding};
+use super::flights::{ALL, Course, Flights, N, Row, Scored, bits, mask, rounding};
 use super::shoot::{Energies, Engine, ROULETTE, SURVIVAL, Task, Walk};
 use super::simd::{Kernel, best, dispatch};
 use crate::physics::Real;
@@ -88,8 +88,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
         let sinks = Sinks::new(tables, walk, task);
         let mut seeds = Seeds::<C>::new(task);
         // Lanes that need a photon, and those that hold one at a real collision, as bits.
-        let all = (1u32 << (N - 1) << 1).wrapping_sub(1);
-        let (mut dead, mut hit) = (all, 0u32);
+        let (mut dead, mut hit) = (ALL, 0u32);
         // Those that are between two cells of the majorant grid.
         let mut flying = 0u32;
         let mut since = 0u32;
@@ -100,7 +99,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
                 hit |= u32::from(seeds.at_collision) << lane;
                 lanes.sow(lane, &mut seeds);
             }
-            let mut alive = all & !dead;
+            let mut alive = ALL & !dead;
             if alive == 0 {
                 return;
             }
@@ -121,7 +120,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             for lane in bits(alive & !inside & !flying) {
                 lanes.escape(lane, tables, energies);
             }
-            dead = all & !inside & !flying;
+            dead = ALL & !inside & !flying;
             lanes.flights.locate(&tables.course);
             let dense = match &tables.course.voids {
                 Some(voids) => lanes.flights.dense(voids) & inside,

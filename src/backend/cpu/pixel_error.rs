@@ -1,6 +1,6 @@
 //! How sure the pixels are: the spread over replicates, and the bias of the voxels' size.
 
-use super::gather::{Volumes, scattered};
+use super::gather::{Volumes, image};
 use crate::scene::Camera;
 use rayon::prelude::*;
 
@@ -38,7 +38,7 @@ pub fn bias(
         source0: None,
         channels: volumes.channels,
     };
-    scattered(&change, camera, pixels, volumes.channels, stop).order2
+    image(&change, camera, pixels, volumes.channels, false, stop).order2
 }
 
 /// One pass of (1/8, 6/8, 1/8) along each axis, clamped at the border.

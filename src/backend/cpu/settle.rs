@@ -409,7 +409,7 @@ pub(super) fn relative_error(
     }
     let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
-    let picture = image(&volumes, camera, Some(&pixels), channels * k, &stop);
+    let picture = image(&volumes, camera, Some(&pixels), channels * k, true, &stop);
     let (more, errors) = pixel_error::spread(&picture.order2, k);
     let own = picture.order1.iter().zip(&picture.emitted);
     let values: Vec<f32> = more.iter().zip(own).map(|(more, (once, emitted))| more + once + emitted).collect();

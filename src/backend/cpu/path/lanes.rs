@@ -5,7 +5,7 @@ use super::connect::{Connections, Lit};
 use super::primary::{First, Profile};
 use super::walk::PATH;
 use super::{Job, Seen, Tracer};
-use crate::backend::cpu::flights::{Course, Flights, N, Row, Scored, bits, mask};
+use crate::backend::cpu::flights::{ALL, Course, Flights, N, Row, Scored, bits, mask};
 use crate::backend::cpu::light::{Incident, Source};
 use crate::backend::cpu::shoot::{ROULETTE, SURVIVAL};
 use crate::backend::cpu::simd::{Kernel, best, dispatch};
@@ -65,8 +65,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
         let mut lanes = Lanes::<C>::new(tables);
         let mut seeds = Seeds::<C>::new();
         let mut queue = Queue::<C>::new();
-        let all = (1u32 << (N - 1) << 1).wrapping_sub(1);
-        let (mut dead, mut hit) = (all, 0u32);
+        let (mut dead, mut hit) = (ALL, 0u32);
         let mut flying = 0u32;
         let mut since = 0u32;
         let mut collisions = 0u64;
@@ -77,7 +76,7 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
                 hit |= u32::from(job.walked) << lane;
                 lanes.sow(lane, &mut seeds);
             }
-            let mut alive = all & !dead;
+            let mut alive = ALL & !dead;
             if alive == 0 {
                 break;
             }
@@ -93,15 +92,14 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             let inside = lanes.flights.advance(course, alive, &mut flying);
             if tables.connections.has_background() {
                 for lane in bits(alive & !inside & !flying) {
-                    let (slot, order) = (lanes.slot[lane] as usize, lanes.order[lane]);
-                    if order > 0 {
+                    // The background seen through the medium is no part of the image.
+                    if lanes.order[lane] > 0 {
                         let d = std::array::from_fn(|a| lanes.flights.d[a][lane]);
-                        let met = tables.connections.met(d, lanes.chance[lane]);
-                        seen[slot].add(order, std::array::from_fn(|c| lanes.weight[c][lane] * met[c]));
+                        lanes.see(lane, lanes.order[lane], tables.connections.met(d, lanes.chance[lane]), seen);
                     }
                 }
             }
-            dead = all & !inside & !flying;
+            dead = ALL & !inside & !flying;
             hit = if course.certain {
                 lanes.flights.accept_all();
                 inside
@@ -232,35 +230,37 @@ impl<const C: usize> Lanes<C> {
         }
     }
 
-    /// Adds the light of maps that is scattered at the collision of a lane, from directions drawn from the maps.
+    /// Where the path of a lane collided, along which direction it came, and random words for the given purpose.
     #[inline(always)]
-    fn under_maps(&self, tables: &Laned<C>, lane: usize, seen: &mut [Seen<C>]) {
+    fn vertex(&self, tables: &Laned<C>, lane: usize, purpose: u32) -> (V3, V3, [u32; 4]) {
         let flights = &self.flights;
         let [p, d]: [V3; 2] = [&flights.p, &flights.d].map(|rows| std::array::from_fn(|a| rows[a][lane]));
         let index = [flights.index[0][lane], flights.index[1][lane]];
-        for (number, map) in (MAPS..).zip(&tables.connections.maps) {
-            let words = words(tables.course.seed, index, flights.block[lane], number);
-            let scattered = tables.connections.under_map(map, p, d, words);
-            let light = std::array::from_fn(|c| self.weight[c][lane] * scattered[c]);
-            seen[self.slot[lane] as usize].add(self.order[lane], light);
+        (p, d, words(tables.course.seed, index, flights.block[lane], purpose))
+    }
+
+    /// Adds light that a lane's path sees, for a weight of 1.
+    #[inline(always)]
+    fn see(&self, lane: usize, order: u32, light: [f32; 3], seen: &mut [Seen<C>]) {
+        seen[self.slot[lane] as usize].add(order, std::array::from_fn(|c| self.weight[c][lane] * light[c]));
+    }
+
+    /// Adds the light of maps that is scattered at the collision of a lane, from directions drawn from the maps.
+    #[inline(always)]
+    fn under_maps(&self, tables: &Laned<C>, lane: usize, seen: &mut [Seen<C>]) {
+        for (purpose, map) in (MAPS..).zip(&tables.connections.maps) {
+            let (p, d, words) = self.vertex(tables, lane, purpose);
+            self.see(lane, self.order[lane], tables.connections.under_map(map, p, d, words), seen);
         }
     }
 
     /// Adds the light of near lights that is scattered once more beyond the collision of a lane.
     #[inline(always)]
     fn once_more(&self, tables: &Laned<C>, lane: usize, seen: &mut [Seen<C>]) {
-        let flights = &self.flights;
-        let [p, d]: [V3; 2] = [&flights.p, &flights.d].map(|rows| std::array::from_fn(|a| rows[a][lane]));
-        let index = [flights.index[0][lane], flights.index[1][lane]];
-        for (number, light) in (NEAR..).zip(&tables.connections.near) {
-            let words = words(tables.course.seed, index, flights.block[lane], number);
-            let further = |y: V3, word: u32| {
-                let albedo: [f32; C] = tables.course.medium.albedo(y, word);
-                std::array::from_fn(|c| albedo[c.min(C - 1)])
-            };
-            let scattered = tables.connections.once_more(light, p, d, words, further);
-            let light = std::array::from_fn(|c| self.weight[c][lane] * scattered[c]);
-            seen[self.slot[lane] as usize].add(self.order[lane] + 1, light);
+        for (purpose, light) in (NEAR..).zip(&tables.connections.near) {
+            let (p, d, words) = self.vertex(tables, lane, purpose);
+            let further = |y: V3, word: u32| tables.course.medium.albedo(y, word);
+            self.see(lane, self.order[lane] + 1, tables.connections.once_more(light, p, d, words, further), seen);
         }
     }
 }

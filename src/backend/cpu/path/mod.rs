@@ -9,6 +9,7 @@ mod lanes;
 mod primary;
 mod walk;
 
+use super::gather::{Volumes, image};
 use super::shoot::Medium;
 use super::track::{self, Analytic, March, Woodcock};
 use super::{illuminations, light_grids, pixel_error};
@@ -204,6 +205,7 @@ fn passes<const C: usize>(
     };
     let dark = plan.orders == 0 || plan.scene.medium.max_albedo() == 0.0 || plan.scene.medium.max_sigma_t() == 0.0;
     let mut stopped = Stopped::Photons;
+    let mut glow = None;
     let collisions = AtomicU64::new(0);
     let mut done = 0u64;
     let mut goal = paths.rays.unwrap_or(if plan.target_error.is_some() { ROUND } else { u64::MAX });
@@ -260,7 +262,12 @@ fn passes<const C: usize>(
         }
         let Some(target) = plan.target_error.filter(|_| paths.rays.is_none() && !dark) else { break };
         let pixels = estimate(&sums, done);
-        let values: Vec<f32> = pixels.order1.iter().zip(&pixels.order2).map(|(a, b)| a + b).collect();
+        let sampled = pixels.order1.iter().zip(&pixels.order2).map(|(a, b)| a + b);
+        let emitted = glow.get_or_insert_with(|| emitted(plan, control));
+        let values: Vec<f32> = match emitted {
+            Some(emitted) => sampled.zip(emitted).map(|(a, b)| a + *b).collect(),
+            None => sampled.collect(),
+        };
         let (noise, _) = pixel_error::relative(&values, &pixels.error, None, C);
         if noise <= target {
             stopped = Stopped::TargetError;
@@ -284,6 +291,20 @@ fn passes<const C: usize>(
         warnings,
         ..Outcome::default()
     })
+}
+
+/// What the medium emits and is seen directly, which a target error counts in; `None` where it does not emit.
+fn emitted(plan: &Plan, control: &Control) -> Option<Vec<f32>> {
+    plan.scene.medium.emission.as_ref()?;
+    let volumes = Volumes {
+        scene: plan.scene,
+        occupancy: None,
+        lights: Vec::new(),
+        source: None,
+        source0: None,
+        channels: plan.channels,
+    };
+    Some(image(&volumes, &plan.scene.camera, None, plan.channels, true, &|| control.stopped()).emitted)
 }
 
 /// Means and standard errors over `n` rays per pixel.

@@ -31,7 +31,7 @@ pub struct OneByOne<'a, T, const C: usize> {
     pub connections: &'a Connections<'a>,
     /// The medium at collisions.
     pub medium: Medium<'a>,
-    /// The density, and what the medium emits by channel.
+    /// The density.
     pub density: Field<'a>,
     /// What the medium emits, by channel.
     pub emission: Vec<Field<'a>>,
@@ -109,10 +109,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
             if order < last {
                 let weight = w.get();
                 for light in &connections.near {
-                    let further = |y: V3, word: u32| {
-                        let albedo: [f32; C] = self.medium.albedo(y, word);
-                        std::array::from_fn(|c| albedo[c.min(C - 1)])
-                    };
+                    let further = |y: V3, word: u32| self.medium.albedo(y, word);
                     let scattered = connections.once_more(light, p, direction, draws.next4(), further);
                     sum.add(order + 1, std::array::from_fn(|c| weight[c] * scattered[c]));
                 }
@@ -160,8 +157,9 @@ impl<const C: usize, T: Tracker<C>> OneByOne<'_, T, C> {
         let extinction = &self.connections.extinction;
         if extinction[0] == extinction[1] && extinction[1] == extinction[2] {
             let weight = w.get();
-            let whole: Vec<f32> = fields.iter().map(|field| field.column(p, v, length)).collect();
-            return std::array::from_fn(|c| weight[c] * whole[c % whole.len()]);
+            let whole: [f32; 3] =
+                std::array::from_fn(|c| fields.get(c).map_or(0.0, |field| field.column(p, v, length)));
+            return std::array::from_fn(|c| weight[c] * whole[c % fields.len()]);
         }
         let t = length * uniform(draws.next4()[0]);
         let column = self.density.column(p, v, t);
