@@ -4,12 +4,10 @@ A case is one value per axis of `AXES`. `covering(2)` and `covering(3)` are smal
 hold every valid pair, and every valid triple, of values.
 """
 
-import functools
 import hashlib
 import itertools
 import json
 import os
-import random
 import sys
 import time
 import zlib
@@ -21,6 +19,8 @@ import drjit
 import mcrt
 import mitsuba as mi
 import numpy as np
+from covering import Table, subsets  # noqa: F401
+from mitsuba_film import film_emitter
 from scipy import stats
 
 AXES = {
@@ -42,72 +42,8 @@ IMPOSSIBLE = (  # combinations that no case has
 )
 
 
-# ----------------------------------------------------------------------------------- covering array
-
-
-def possible(case):
-    """No combination that is impossible; `case` may lack axes."""
-    return not any(
-        all(case.get(axis) in values for axis, values in rule.items()) for rule in IMPOSSIBLE
-    )
-
-
-def completed(case):
-    """Whether values for the axes that `case` lacks exist."""
-    if not possible(case):
-        return False
-    axis = next((a for a in AXES if a not in case), None)
-    return axis is None or any(completed(case | {axis: value}) for value in AXES[axis])
-
-
-def subsets(case, strength):
-    return {frozenset(part) for part in itertools.combinations(case.items(), strength)}
-
-
-def combinations(strength):
-    """All that are part of some case: the keys, in a fixed order."""
-    return dict.fromkeys(
-        frozenset(zip(axes, values, strict=True))
-        for axes in itertools.combinations(AXES, strength)
-        for values in itertools.product(*(AXES[axis] for axis in axes))
-        if completed(dict(zip(axes, values, strict=True)))
-    )
-
-
-@functools.cache
-def covering(strength, candidates=30):
-    """Cases that hold every valid combination of `strength` values: greedy, deterministic.
-
-    Each case starts from a combination not yet held; the other axes, in some random order, take the
-    value that adds most; the best of several candidates stays (AETG; Cohen et al. 1997).
-    """
-    missing = combinations(strength)
-    chance, cases = random.Random(0), []
-
-    def candidate():
-        case = dict(next(iter(missing)))
-        for axis in chance.sample(list(AXES), len(AXES)):
-            if axis not in case:
-                values = [v for v in AXES[axis] if completed(case | {axis: v})]
-                chance.shuffle(values)
-                case[axis] = max(values, key=lambda v: gain(case, axis, v))
-        return case
-
-    def gain(case, axis, value):
-        return sum(
-            frozenset((*part, (axis, value))) in missing
-            for part in itertools.combinations(case.items(), strength - 1)
-        )
-
-    while missing:
-        best = max(
-            (candidate() for _ in range(candidates)),
-            key=lambda case: len(subsets(case, strength) & missing.keys()),
-        )
-        for part in subsets(best, strength):
-            missing.pop(part, None)
-        cases.append({axis: best[axis] for axis in AXES})
-    return tuple(cases)
+TABLE = Table(AXES, IMPOSSIBLE)
+possible, combinations, covering = TABLE.possible, TABLE.combinations, TABLE.covering
 
 
 # ------------------------------------------------------------------------------------------- scenes
@@ -249,68 +185,6 @@ def rendered(case, spp, seeds):
     scene = mi.load_dict(translated(case))
     images = [np.array(mi.render(scene, spp=spp, seed=seed)) for seed in range(seeds)]
     return np.stack(images).astype(float)
-
-
-def film_emitter():
-    """The plugin "film", of the variant that is set: see `reciprocal`."""
-    import drjit as dr
-
-    class Film(mi.Emitter):
-        def __init__(self, props):
-            mi.Emitter.__init__(self, props)
-            self.m_flags = +mi.EmitterFlags.DeltaPosition
-            Film.last = self
-
-        def aim(self, eye, axes, half, perspective):
-            self.eye, (self.right, self.up, self.forward) = (
-                mi.Point3f(*eye),
-                (mi.Vector3f(a.tolist()) for a in axes),
-            )
-            self.half, self.perspective = half, perspective
-
-        def open(self, low, high):
-            """Only the part of the film from `low` to `high` [half widths] shines."""
-            self.low, self.high = (mi.Point2f(*p) for p in (low, high))
-            dr.make_opaque(self.low, self.high)  # one kernel for all blocks
-
-        def sample_direction(self, it, sample, active=True):
-            away = it.p - self.eye
-            depth = dr.dot(away, self.forward)
-            scale = self.half * (depth if self.perspective else 1.0)
-            film = mi.Point2f(dr.dot(away, self.right), dr.dot(away, self.up)) / scale
-            active &= dr.all((film >= self.low) & (film < self.high)) & (depth > 0)
-            distance = dr.norm(away) if self.perspective else depth
-            area = (self.high.x - self.low.x) * (self.high.y - self.low.y) * self.half**2
-            value = dr.rcp(area)
-            if self.perspective:
-                value *= distance / depth**3  # 1 / (cos^3 distance^2)
-            ds = dr.zeros(mi.DirectionSample3f)
-            ds.d = -away / distance if self.perspective else -self.forward
-            ds.p = it.p + ds.d * distance
-            ds.n, ds.dist, ds.pdf, ds.delta = -ds.d, distance, 1.0, True
-            ds.emitter = mi.EmitterPtr(self)
-            return ds, mi.Color3f(value) & active
-
-        def eval(self, si, active=True):
-            return mi.Color3f(0)
-
-        def eval_direction(self, it, ds, active=True):
-            return mi.Color3f(0)
-
-        def pdf_direction(self, it, ds, active=True):
-            return mi.Float(0)
-
-        def set_scene(self, scene):
-            pass
-
-        def bbox(self):
-            return mi.ScalarBoundingBox3f()
-
-        def to_string(self):
-            return "Film[]"
-
-    mi.register_emitter("film", Film)
-    return Film
 
 
 def reciprocal(case, rays, seeds):

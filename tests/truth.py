@@ -162,29 +162,43 @@ class View:
             self.origin, self.target, self.up, self.width, self.resolution
         )
 
-    def rays(self, sub=1):
-        """Origins, directions (h, w, sub^2, 3) at Gauss nodes of each pixel, and their weights."""
-        w, h = self.resolution
-        node, weight = np.polynomial.legendre.leggauss(sub)
-        x = (2 * (np.arange(w)[:, None] + (node + 1) / 2) / w - 1)[None, :, None, :]
-        y = (1 - 2 * (np.arange(h)[:, None] + (node + 1) / 2) / h)[:, None, :, None]
-        shape = (h, w, sub, sub)
-        x, y = (np.broadcast_to(v, shape).reshape(h, w, sub * sub, 1) for v in (x, y * h / w))
+    def frame(self):
+        """Right, up and forward; half the picture's width (at distance 1, if perspective)."""
         forward = np.subtract(self.target, self.origin, dtype=float)
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, self.up)
         right /= np.linalg.norm(right)
-        above = np.cross(right, forward)
         half = np.tan(np.radians(self.fov / 2)) if self.fov else self.width / 2
-        offset = half * (x * right + y * above)
-        if self.fov:
-            direction = forward + offset
-            direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-            origin = np.broadcast_to(np.asarray(self.origin, float), direction.shape)
-        else:
+        return right, np.cross(right, forward), forward, half
+
+    def through(self, x, y):
+        """Origins and directions (..., 3) of rays through points, in pixels from the upper left."""
+        w, h = self.resolution
+        right, above, forward, half = self.frame()
+        x, y = np.broadcast_arrays(2 * x / w - 1, (1 - 2 * y / h) * h / w)
+        offset = half * (x[..., None] * right + y[..., None] * above)
+        if not self.fov:
             origin = np.asarray(self.origin, float) + offset
-            direction = np.broadcast_to(forward, origin.shape)
-        return origin, direction, np.outer(weight, weight).ravel() / 4
+            return origin, np.broadcast_to(forward, origin.shape)
+        direction = forward + offset
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        return np.broadcast_to(np.asarray(self.origin, float), direction.shape), direction
+
+    def project(self, point):
+        """Where a point is seen, in pixels from the upper left."""
+        (w, h), to = self.resolution, np.subtract(point, self.origin)
+        right, above, forward, half = self.frame()
+        scale = half * (to @ forward if self.fov else 1)
+        return np.array([(to @ right / scale + 1) * w / 2, (h - to @ above / scale * w) / 2])
+
+    def rays(self, sub=1):
+        """Origins, directions (h, w, sub^2, 3) at Gauss nodes of each pixel, and their weights."""
+        w, h = self.resolution
+        node, weight = np.polynomial.legendre.leggauss(sub)
+        x = (np.arange(w)[:, None] + (node + 1) / 2)[None, :, None, :]
+        y = (np.arange(h)[:, None] + (node + 1) / 2)[:, None, :, None]
+        x, y = (v.reshape(h, w, sub * sub) for v in np.broadcast_arrays(x, y))
+        return *self.through(x, y), np.outer(weight, weight).ravel() / 4
 
 
 # ------------------------------------------------------------------------------------ optical depth

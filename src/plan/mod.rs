@@ -9,6 +9,7 @@ pub mod majorant;
 pub mod path;
 mod probe;
 pub mod settings;
+mod tracker;
 
 pub use explain::Decision;
 pub use lights::{Column, Direct, Emission, LightPlan, points_for};
@@ -172,8 +173,8 @@ impl<'a> Plan<'a> {
             }
             lights
         };
-        let refusal = refuses_lanes(scene, settings, method, chromatic);
-        let (tracker, majorant) = choose_tracker(scene, settings, chromatic, refusal.is_none(), &mut why)?;
+        let refusal = tracker::refuses_lanes(scene, settings, method, chromatic);
+        let (tracker, majorant) = tracker::choose_tracker(scene, settings, chromatic, refusal.is_none(), &mut why)?;
         let refusal = refusal.or((tracker == Tracker::March).then_some("the march goes voxel by voxel"));
         let lanes = refusal.is_none();
         let walk = if lanes { "in lanes" } else { "one by one" };
@@ -397,82 +398,6 @@ fn choose_method(
 /// Voxels' scores at tentative collisions need a majorant of this optical depth per voxel: with rarer ones their spread
 /// is so skew that a standard error does not describe it.
 pub const LEAST_SCORED_DEPTH: f64 = 0.3;
-
-/// Why photons or paths must be walked one by one, whatever the tracker; `None` where lanes may walk them.
-fn refuses_lanes(scene: &Scene, settings: &Settings, method: Method, chromatic: bool) -> Option<&'static str> {
-    match settings.simd {
-        Some(Simd::Scalar) => Some("MCRT_SIMD = scalar"),
-        _ if chromatic => Some("extinction differs between channels"),
-        _ if method == Method::Path && scene.medium.emission.is_some() => Some("flights gather what the medium emits"),
-        // Lanes count voxels in 32 bits.
-        _ if u32::try_from(scene.medium.volume.voxels()).is_err() => Some("there are more than 2^32 voxels"),
-        _ => None,
-    }
-}
-
-fn choose_tracker(
-    scene: &Scene,
-    settings: &Settings,
-    chromatic: bool,
-    lanes: bool,
-    why: &mut Explain,
-) -> Result<(Tracker, Option<MajorantGrid>)> {
-    let medium = &scene.medium;
-    let volume = &medium.volume;
-    let h = volume.spacing();
-    let mean_h = 3.0 / h.iter().map(|h| 1.0 / h).sum::<f64>();
-    let depth = medium.extinction.max() * mean_h;
-    let costs = if lanes {
-        let least = if settings.fluence || settings.radiance { LEAST_SCORED_DEPTH } else { 0.0 };
-        StepCosts { least, ..StepCosts::LANES }
-    } else {
-        StepCosts::SCALAR
-    };
-    let build = |tracker| match tracker {
-        Tracker::Woodcock if volume.is_constant() => {
-            let longest = volume.n().into_iter().max().unwrap_or(1);
-            Some(MajorantGrid::new(volume, longest))
-        }
-        Tracker::Woodcock => Some(MajorantGrid::cheapest(volume, depth, costs).0),
-        _ => None,
-    };
-    if let Some(tracker) = settings.tracker {
-        if tracker == Tracker::Analytic && chromatic {
-            return scene_error("tracker = \"analytic\" needs equal extinction in all channels; use \"woodcock\"");
-        }
-        why.push("tracker", format!("{tracker:?}").to_lowercase(), "asked for".into());
-        return Ok((tracker, build(tracker)));
-    }
-    if volume.is_constant() && !chromatic {
-        why.push("tracker", "analytic".into(), "the density is constant: free flights in closed form, no grid".into());
-        return Ok((Tracker::Analytic, None));
-    }
-    if volume.is_constant() {
-        why.push("tracker", "woodcock".into(), "the density is constant: one cell, the majorant is the medium".into());
-        return Ok((Tracker::Woodcock, build(Tracker::Woodcock)));
-    }
-    let (grid, cost) = MajorantGrid::cheapest(volume, depth, costs);
-    // The walk crosses 1.5 voxels per voxel of length; interpolation halves the cells that it steps over.
-    let march = if volume.linear() { 12.0 } else { 2.0 };
-    if cost <= march {
-        why.push(
-            "tracker",
-            "woodcock".into(),
-            format!(
-                "expected cost per voxel of flight {cost:.2}, marching {march:.1}; {}",
-                if grid.is_one() { "one majorant".into() } else { format!("cells of {}^3 voxels", grid.block) }
-            ),
-        );
-        Ok((Tracker::Woodcock, Some(grid)))
-    } else {
-        why.push(
-            "tracker",
-            "march".into(),
-            format!("expected cost per voxel of flight {march:.1}; null collisions would cost {cost:.2}"),
-        );
-        Ok((Tracker::March, None))
-    }
-}
 
 fn choose_layers(
     scene: &Scene,

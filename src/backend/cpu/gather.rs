@@ -4,15 +4,18 @@
 //! voxel centres. Rays through smooth volumes take even steps (the neighbour [`super::even`]); the others walk each cell
 //! within which the density is one polynomial, cut into steps of at most half an optical depth with two Gauss points each.
 
+mod backdrop;
+mod close;
+
 use super::emitted::Glow;
 use super::even::{Packed, suits};
 use super::light::{GAUSS, Illumination, Source, beam};
 use super::shoot::LocalEye;
 use crate::physics::Phase;
-use crate::scene::camera::Eye;
-use crate::scene::environment::Map;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
+use backdrop::Backdrop;
+use close::{Profile, close_light};
 use rayon::prelude::*;
 
 /// Largest optical depth of a step.
@@ -223,59 +226,6 @@ struct Pixel<const C: usize, const S: usize> {
     through: [f32; C],
     emitted: [f32; C],
     background: [f32; C],
-}
-
-/// The environment behind the volume.
-struct Backdrop<'a> {
-    constant: [f32; 3],
-    maps: Vec<&'a Map>,
-}
-
-impl<'a> Backdrop<'a> {
-    /// That of a scene with an environment.
-    fn new(scene: &'a Scene) -> Option<Self> {
-        let mut backdrop = Backdrop { constant: [0.0; 3], maps: Vec::new() };
-        let mut any = false;
-        for light in &scene.lights {
-            let Light::Environment { radiance, map } = light else { continue };
-            any = true;
-            match map {
-                Some(map) => backdrop.maps.push(map),
-                None => (0..3).for_each(|c| backdrop.constant[c] += radiance.rgb[c] as f32),
-            }
-        }
-        any.then_some(backdrop)
-    }
-
-    /// Rays per pixel and axis that resolve the maps: four per texel.
-    fn samples(&self, camera: &Camera) -> usize {
-        // Of a perspective camera this is the angle of the pixel in the middle, its largest.
-        let angle = match camera.eye() {
-            Eye::Point(_) => camera.pixel_width(1.0),
-            Eye::Direction(_) => return 1,
-        };
-        let rows = self.maps.iter().map(|map| map.size()[1].max(map.size()[0] / 2)).max().unwrap_or(0);
-        let texels = angle * rows as f64 * std::f64::consts::FRAC_1_PI;
-        (4.0 * texels).ceil().clamp(if rows > 0 { 4.0 } else { 1.0 }, 24.0) as usize
-    }
-
-    /// The mean radiance over a square of pixels with the corner (x, y), from `n` by `n` rays.
-    fn mean(&self, camera: &Camera, (x, y): (f64, f64), side: f64, n: usize) -> [f32; 3] {
-        let mut sum = self.constant;
-        if self.maps.is_empty() {
-            return sum;
-        }
-        let weight = 1.0 / (n * n) as f32;
-        for at in 0..n * n {
-            let place = |i: usize| side * (i as f64 + 0.5) / n as f64;
-            let (_, d) = camera.ray(x + place(at % n), y + place(at / n));
-            for map in &self.maps {
-                let radiance = map.radiance(d.map(|c| c as f32));
-                (0..3).for_each(|c| sum[c] += weight * radiance[c]);
-            }
-        }
-        sum
-    }
 }
 
 impl<'a, const C: usize, const S: usize> View<'a, C, S> {
@@ -501,39 +451,6 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         }
         self.phase.pdf(-(light[0] * view[0] + light[1] * view[1] + light[2] * view[2]).clamp(-1.0, 1.0))
     }
-
-    /// A step that passes close to a point light: nodes equally spaced in the angle seen from the light, in which 1/d^2
-    /// is constant (Kulla and Fajardo, *Importance sampling techniques for path tracing in participating media*, 2012).
-    fn close(
-        &self,
-        sums: &mut Sums<C, S>,
-        light: &Illumination,
-        (foot, off): (f32, f32),
-        ray: &Ray,
-        start: f32,
-        profile: &Profile,
-    ) {
-        let step = profile.step;
-        let off = off.max(ray.least_off).max(1e-6 * step);
-        let (from, to) = ((-foot / off).atan(), ((step - foot) / off).atan());
-        for piece in 0..2 {
-            for &(x, w) in GAUSS[3] {
-                let angle = from + (to - from) * (piece as f32 + x as f32) * 0.5;
-                let t = (foot + off * angle.tan()).clamp(0.0, step);
-                let d2 = off * off + (t - foot) * (t - foot);
-                let length = w as f32 * 0.5 * (to - from) * d2 / off;
-                let at = along(ray.p, ray.v, start + t);
-                let u = t / step;
-                let factor: [f32; C] = self.factor(at, profile.density(u) * length, sums.column + profile.column(u));
-                let incident = light.incident(at);
-                let column = light.ray(at, &incident);
-                let scattered = self.toward_eye(&incident.direction, &ray.direction) / d2;
-                for c in 0..C {
-                    sums.order1[c] += factor[c] * light.value[c] * scattered * (-self.extinction[c] * column).exp();
-                }
-            }
-        }
-    }
 }
 
 /// A view ray within the box.
@@ -545,40 +462,6 @@ pub(super) struct Ray {
     pub length: f32,
     /// Nearest that it is taken to pass a light: a part of its share of the pixel.
     least_off: f32,
-}
-
-/// The density along a step, linear through its two Gauss points; `u` runs from 0 to 1.
-struct Profile {
-    s1: f32,
-    slope: f32,
-    step: f32,
-}
-
-impl Profile {
-    #[inline(always)]
-    fn density(&self, u: f32) -> f32 {
-        (self.s1 + self.slope * (u - GAUSS[1][0].0 as f32)).max(0.0)
-    }
-
-    /// The integral of the density over the first `u` of the step.
-    #[inline(always)]
-    fn column(&self, u: f32) -> f32 {
-        (self.s1 * u + self.slope * (0.5 * u * u - GAUSS[1][0].0 as f32 * u)) * self.step
-    }
-}
-
-/// A light nearer than this many steps is integrated by angle.
-const CLOSE: f32 = 4.0;
-
-/// For a step that starts at `p`: the parameter of the point nearest to the light and its distance, if it is close.
-#[inline(always)]
-fn close_light(light: &Illumination, h: [f64; 3], p: V3, direction: V3, step: f32) -> Option<(f32, f32)> {
-    let Source::Point(position) = light.source else { return None };
-    let to: V3 = std::array::from_fn(|a| (position[a] - p[a]) * h[a] as f32);
-    let foot = (0..3).map(|a| to[a] * direction[a]).sum::<f32>();
-    let off = (0..3).map(|a| (to[a] - foot * direction[a]).powi(2)).sum::<f32>().sqrt();
-    let middle = 0.5 * step - foot;
-    (off * off + middle * middle < (CLOSE * step) * (CLOSE * step)).then_some((foot, off))
 }
 
 /// `N` values per voxel, linear between voxel centres.
