@@ -109,6 +109,31 @@ def test_order_1_of_a_homogeneous_medium_is_its_quadrature(
     assert np.all(result.image(order="2+") == 0)
 
 
+@pytest.mark.parametrize("box", [False, True], ids=["array", "box"])
+@pytest.mark.parametrize("sigma", [0.5, 3.0])
+def test_the_whole_of_order_1_is_its_integral(sigma, box):
+    """Edges and all: the sum over a parallel view's pixels is an integral over the medium.
+
+    Known within 0.025 %. Mitsuba's `volpath` has +0.039 +- 0.010 % in the box of `to_mitsuba`.
+    """
+    toward = np.array((-0.42, -0.8, 0.43)) / np.linalg.norm((-0.42, -0.8, 0.43))
+    eye = SIZE / 2 + 28 * toward
+    camera = mcrt.OrthographicCamera(eye, SIZE / 2, width=13, resolution=(12, 10))
+    x = stats.qmc.Sobol(3, seed=1).random_base2(20) * SIZE
+    away = -np.divide(SUN.direction, np.linalg.norm(SUN.direction))
+    way = [np.where(v > 0, (SIZE - x) / v, -x / v).min(-1) for v in (toward, away)]
+    true = 0.9 * sigma / (4 * np.pi) * SUN.irradiance * np.exp(-sigma * sum(way))
+    volume, options = homogeneous(box, sigma, mcrt.Isotropic())
+    result = run(
+        volume, **options, light=lit(SUN), camera=camera, max_scatterings=1, spp=640_000, seed=7
+    )
+    image, error = result.image().astype(float), result.image_error().astype(float)
+    true = true.mean() * SIZE.prod() / (13**2 * 10 / 12)
+    spread = np.sqrt((error**2).sum()) / error.size
+    assert spread < 2.5e-4 * true
+    assert abs(image.mean() - true) < truth.limit() * spread
+
+
 @pytest.mark.parametrize("simd", ["", "scalar"])
 @pytest.mark.parametrize(
     ("interpolation", "light", "view", "extinction"),
