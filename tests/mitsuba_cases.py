@@ -180,11 +180,32 @@ def translated(case):
     return mcrt.interop.to_mitsuba(given.pop("volume"), **given)
 
 
+def grey_parts(case):
+    """Scenes whose images are the channels of the case's, or None where it is rendered whole.
+
+    `volpathmis` is skewed in deep chromatic media: at tau 30 a dark block had 20 to 35 % less than
+    `volpath` has in grey media of the channels' extinctions, even after 60 x 512 samples a pixel.
+    """
+    if case["tau"] != "30" or case["colour"] != "rgb extinction" or case["light"] == "inside":
+        return None
+    given = arguments(case)
+    volume = given.pop("volume")
+    parts = ({**given, "extinction": float(one)} for one in given["extinction"])
+    return [mcrt.interop.to_mitsuba(volume, **part) for part in parts]
+
+
 def rendered(case, spp, seeds):
     """Images (seeds, h, w, c) of Mitsuba."""
-    scene = mi.load_dict(translated(case))
-    images = [np.array(mi.render(scene, spp=spp, seed=seed)) for seed in range(seeds)]
-    return np.stack(images).astype(float)
+
+    def images(scene):
+        scene = mi.load_dict(scene)
+        renders = [np.array(mi.render(scene, spp=spp, seed=seed)) for seed in range(seeds)]
+        return np.stack(renders).astype(float)
+
+    parts = grey_parts(case)
+    if parts is None:
+        return images(translated(case))
+    return np.concatenate([images(part)[..., :1] for part in parts], -1)
 
 
 def reciprocal(case, rays, seeds):
@@ -281,7 +302,8 @@ def reference(case, more=1):
     select_variant()
     samples, seeds = budget(case)
     inside = case["light"] == "inside"
-    parts = (digest(translated(case)), more * samples, seeds, mi.__version__, mi.variant(), inside)
+    scenes = grey_parts(case) or [translated(case)]
+    parts = (*map(digest, scenes), more * samples, seeds, mi.__version__, mi.variant(), inside)
     stem = CACHE / hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
     if stem.with_suffix(".npz").exists():
         with np.load(stem.with_suffix(".npz")) as file:
@@ -461,11 +483,11 @@ FLOOR = 0.1  # of the image's mean, what darker blocks are measured by
 ALLOWED = {  # relative bias, by tau; `path` has none
     "path": {"0.1": 0.0, "3": 0.0, "30": 0.0},
     # Quadrature along the view and the light rays.
-    "single": {"0.1": 0.002, "3": 0.004, "30": 0.015},
+    "single": {"0.1": 0.001, "3": 0.002, "30": 0.005},
     # Fluence interpolated between voxels of depth tau / 35 (0.1, 3: / 21): falls with its square.
-    "photon": {"0.1": 0.002, "3": 0.008, "30": 0.08},
+    "photon": {"0.1": 0.001, "3": 0.005, "30": 0.02},
     # The same of order 1, which falls off within 1 / 30 of the box.
-    "environment": {"0.1": 0.005, "3": 0.015, "30": 0.15},
+    "environment": {"0.1": 0.002, "3": 0.01, "30": 0.11},
 }
 
 
