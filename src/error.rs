@@ -9,6 +9,12 @@ pub enum Error {
     /// The run needs more memory than there is.
     #[error("{0}")]
     VolumeTooLarge(String),
+    /// There is no adapter that could run kernels.
+    #[error("{0}")]
+    NoAdapter(String),
+    /// The GPU was lost while it worked.
+    #[error("{0}")]
+    DeviceLost(String),
     /// The run was stopped from outside before it had anything to show.
     #[error("the run was interrupted before its first batch was finished")]
     Interrupted,

@@ -1,6 +1,8 @@
-//! What runs a plan. The CPU is the only backend yet.
+//! What runs a plan: the CPU, or a GPU.
 
 pub mod cpu;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};

@@ -217,6 +217,11 @@ fn rayleigh_sample<R: Real>(xi: R) -> (R, R) {
 }
 
 impl Table {
+    /// Knots, densities and distribution, one after the other, and the number of each.
+    pub fn flat(&self) -> (Vec<f32>, usize) {
+        ([&self.cos_theta[..], &self.density, &self.cumulative].concat(), self.cos_theta.len())
+    }
+
     #[inline(always)]
     fn pdf<R: Real>(&self, cos_theta: R) -> R {
         let k = segment(&self.cos_theta, cos_theta);

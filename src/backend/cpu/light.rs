@@ -135,6 +135,11 @@ impl<'a> Illumination<'a> {
         self.nodes.filter(|_| !self.rays)
     }
 
+    /// The light grid, if there is one, whether or not columns are interpolated in it.
+    pub fn grid(&self) -> Option<&'a [f32]> {
+        self.nodes
+    }
+
     /// The column density interpolated in the light grid, a bound of order for importance sampling everywhere.
     #[inline(always)]
     pub fn rough_column(&self, p: V3, incident: &Incident) -> f32 {

@@ -1,0 +1,23 @@
+// A density that differs from voxel to voxel.
+
+@group(0) @binding(1) var density: texture_3d<f32>;
+
+// The density at a point.
+fn density_at(p: vec3<f32>) -> f32 {
+    return scene.texel * value_at(density, p);
+}
+
+// A density whose mean over `word` is that at the point.
+fn density_read(p: vec3<f32>, word: u32) -> f32 {
+    return scene.texel * one_read(density, p, word);
+}
+
+// The largest density that a lookup within a voxel can return.
+fn density_maximum(cell: vec3<i32>) -> f32 {
+    return scene.texel * maximum(density, cell);
+}
+
+// The column density along p + t v, t from 0 to end, no further than where it exceeds `most`.
+fn column(p: vec3<f32>, v: vec3<f32>, end: f32, most: f32) -> f32 {
+    return scene.texel * integral(density, p, v, end, most / scene.texel);
+}

@@ -1,0 +1,101 @@
+// Fields that are linear between voxel centres, and clamped at the border.
+
+// Eight texels around a cell of interpolation: those at its lower x face, and at its upper.
+struct Corners {
+    low: vec4<f32>,
+    high: vec4<f32>,
+}
+
+// The cell of interpolation (i, j, k), from -1 to n - 1.
+fn corners(field: texture_3d<f32>, cell: vec3<i32>) -> Corners {
+    let a = max(cell, vec3(0));
+    let b = min(cell + 1, scene.n - 1);
+    return Corners(
+        vec4(
+            texel(field, a),
+            texel(field, vec3(a.x, b.y, a.z)),
+            texel(field, vec3(a.x, a.y, b.z)),
+            texel(field, vec3(a.x, b.y, b.z)),
+        ),
+        vec4(
+            texel(field, vec3(b.x, a.y, a.z)),
+            texel(field, vec3(b.x, b.y, a.z)),
+            texel(field, vec3(b.x, a.y, b.z)),
+            texel(field, b),
+        ),
+    );
+}
+
+// The interpolated value at u, each within [0, 1].
+fn corners_at(c: Corners, u: vec3<f32>) -> f32 {
+    let x = c.low + u.x * (c.high - c.low);
+    let y0 = x.x + u.y * (x.y - x.x);
+    let y1 = x.z + u.y * (x.w - x.z);
+    return y0 + u.z * (y1 - y0);
+}
+
+// Coordinates within the cell of interpolation, kept within [0, 1].
+fn local(p: vec3<f32>, cell: vec3<i32>) -> vec3<f32> {
+    return clamp(p - 0.5 - vec3<f32>(cell), vec3(0.0), vec3(1.0));
+}
+
+// The value at a point.
+fn value_at(field: texture_3d<f32>, p: vec3<f32>) -> f32 {
+    let q = p - 0.5;
+    let cell = clamp(floors(q), vec3(-1), scene.n - 1);
+    return corners_at(corners(field, cell), clamp(q - vec3<f32>(cell), vec3(0.0), vec3(1.0)));
+}
+
+// A value whose mean over `word` is the value at the point, from one read: the point is jittered by up to half a voxel,
+// and the voxel there taken (box filtering of the nearest value is linear interpolation).
+fn one_read(field: texture_3d<f32>, p: vec3<f32>, word: u32) -> f32 {
+    return texel(field, voxel_of(max(p + jitter(word), vec3(0.0))));
+}
+
+// The largest texel that a lookup within a voxel can return.
+fn maximum(field: texture_3d<f32>, cell: vec3<i32>) -> f32 {
+    let low = max(cell - 1, vec3(0));
+    let high = min(cell + 1, scene.n - 1);
+    var top = 0.0;
+    for (var k = low.z; k <= high.z; k++) {
+        for (var j = low.y; j <= high.y; j++) {
+            for (var i = low.x; i <= high.x; i++) {
+                top = max(top, texel(field, vec3(i, j, k)));
+            }
+        }
+    }
+    return top;
+}
+
+// The integral over the piece from t0 to t1 of a line, within one cell: two Gauss points are exact for its cubic.
+fn piece(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32) -> f32 {
+    let c = corners(field, cell);
+    let step = 0.21132487 * (t1 - t0);
+    let base = p - (vec3<f32>(cell) + 0.5);
+    let sum = corners_at(c, along(base, v, t0 + step)) + corners_at(c, along(base, v, t1 - step));
+    return 0.5 * (t1 - t0) * sum;
+}
+
+// The integral of the field along p + t v, t from 0 to end within the box, no further than where it exceeds `most`.
+fn integral(field: texture_3d<f32>, p: vec3<f32>, v: vec3<f32>, end: f32, most: f32) -> f32 {
+    let stop = min(end, leave(p, v).t);
+    var walk = dda(p - 0.5, v, vec3(-1), scene.n);
+    var t = 0.0;
+    var sum = 0.0;
+    loop {
+        let axis = dda_axis(&walk);
+        let exit = walk.next[axis];
+        let to = min(exit, stop);
+        if to > t {
+            sum += piece(field, walk.cell, p, v, t, to);
+            t = to;
+            if sum > most {
+                break;
+            }
+        }
+        if exit >= stop || !dda_advance(&walk, axis) {
+            break;
+        }
+    }
+    return sum;
+}

@@ -1,0 +1,129 @@
+//! Kernels: shader files joined, their constants set, their resources bound by name.
+
+use super::sources;
+use crate::error::{Error, Result};
+use std::collections::BTreeMap;
+
+/// What a kernel is made of: it is compiled once for each.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Source {
+    /// Names of files in `shaders/`, without their ending; the first one holds the entry point `main`.
+    files: Vec<&'static str>,
+    /// Values of `override` constants, as the bits of doubles.
+    constants: BTreeMap<&'static str, u64>,
+}
+
+impl Source {
+    /// The kernel of a file, with the files that it calls on.
+    pub fn new(files: impl IntoIterator<Item = &'static str>) -> Self {
+        let mut list = Vec::new();
+        for file in files {
+            if !list.contains(&file) {
+                list.push(file);
+            }
+        }
+        Source { files: list, constants: BTreeMap::new() }
+    }
+
+    /// Sets a constant; one that no file declares is left out.
+    pub fn with(mut self, name: &'static str, value: impl Into<f64>) -> Self {
+        self.constants.insert(name, value.into().to_bits());
+        self
+    }
+
+    /// The WGSL of all files.
+    pub fn text(&self) -> Result<String> {
+        let mut text = String::new();
+        for file in &self.files {
+            text += &sources::read(file)?;
+            text.push('\n');
+        }
+        Ok(text)
+    }
+}
+
+/// Something that a kernel reads or writes.
+#[derive(Debug, Clone, Copy)]
+pub enum Binding<'a> {
+    /// All of a buffer.
+    Buffer(&'a wgpu::Buffer),
+    /// A texture.
+    Texture(&'a wgpu::TextureView),
+}
+
+/// A compiled kernel.
+#[derive(Debug)]
+pub struct Kernel {
+    /// For [`super::Gpu::run`].
+    pub(super) pipeline: wgpu::ComputePipeline,
+    /// Names of the resources that it uses, and their numbers.
+    resources: Vec<(String, u32)>,
+    name: &'static str,
+}
+
+/// A module and what was found out about it.
+pub fn parse(source: &Source) -> Result<(naga::Module, naga::valid::ModuleInfo)> {
+    let text = source.text()?;
+    let fail = |what: String| Error::Internal(format!("the shader {:?} is not valid: {what}", source.files));
+    let module = naga::front::wgsl::parse_str(&text).map_err(|e| fail(e.emit_to_string(&text)))?;
+    let info = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty())
+        .validate(&module)
+        .map_err(|e| fail(e.emit_to_string(&text)))?;
+    Ok((module, info))
+}
+
+impl Kernel {
+    /// Compiles a kernel.
+    pub fn new(device: &wgpu::Device, source: &Source) -> Result<Self> {
+        let (module, info) = parse(source)?;
+        let used = info.get_entry_point(0);
+        let mut resources = Vec::new();
+        for (handle, global) in module.global_variables.iter() {
+            if let (Some(binding), Some(name), false) = (&global.binding, &global.name, used[handle].is_empty()) {
+                resources.push((name.clone(), binding.binding));
+            }
+        }
+        let declared: Vec<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
+        let constants: Vec<(&str, f64)> = source
+            .constants
+            .iter()
+            .filter(|(name, _)| declared.contains(name))
+            .map(|(name, bits)| (*name, f64::from_bits(*bits)))
+            .collect();
+        let name = source.files.first().copied().unwrap_or_default();
+        let shader = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(name),
+            source: wgpu::ShaderSource::Wgsl(source.text()?.into()),
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(name),
+            layout: None,
+            module: &shader,
+            entry_point: Some("main"),
+            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
+            cache: None,
+        });
+        Ok(Kernel { pipeline, resources, name })
+    }
+
+    /// Binds what the kernel uses among the given resources.
+    pub(super) fn bind(&self, device: &wgpu::Device, bindings: &[(&str, Binding)]) -> Result<wgpu::BindGroup> {
+        let mut entries = Vec::with_capacity(self.resources.len());
+        for (name, number) in &self.resources {
+            let Some((_, resource)) = bindings.iter().find(|(given, _)| given == name) else {
+                return Err(Error::Internal(format!("the kernel {} was given no {name}", self.name)));
+            };
+            let resource = match resource {
+                Binding::Buffer(buffer) => buffer.as_entire_binding(),
+                Binding::Texture(view) => wgpu::BindingResource::TextureView(view),
+            };
+            entries.push(wgpu::BindGroupEntry { binding: *number, resource });
+        }
+        let layout = self.pipeline.get_bind_group_layout(0);
+        Ok(device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(self.name),
+            layout: &layout,
+            entries: &entries,
+        }))
+    }
+}

@@ -1,0 +1,15 @@
+//! The GPU backend: the heavy stages of a plan as WGSL compute kernels, on Vulkan, Metal or DirectX 12.
+//!
+//! Each kernel is a list of small files from `shaders/`, one formula beside its Rust twin, and the values of its `override`
+//! constants: the plan picks both, so that a kernel holds what its scene needs. Random numbers, and the order in which a
+//! photon draws them, are those of the CPU.
+
+pub mod adapter;
+pub mod device;
+pub mod grid;
+pub mod kernel;
+pub mod lights;
+pub mod scene;
+mod sources;
+
+pub use device::Gpu;
