@@ -7,6 +7,17 @@ pub mod gpu;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
+/// Where the heavy stages of a plan run.
+#[derive(Debug, Clone, Default)]
+pub enum Device {
+    /// On all cores.
+    #[default]
+    Cpu,
+    /// On an adapter.
+    #[cfg(feature = "gpu")]
+    Gpu(std::sync::Arc<gpu::Gpu>),
+}
+
 /// How a run is watched and stopped from outside while it works.
 #[derive(Debug)]
 pub struct Control {
