@@ -6,10 +6,11 @@
 
 pub mod adapter;
 pub mod device;
-pub mod grid;
+pub mod emit;
 pub mod kernel;
 pub mod lights;
 pub mod scene;
+pub mod shoot;
 mod sources;
 
 pub use device::Gpu;
