@@ -29,8 +29,8 @@ const SLOTS: u32 = 1 << 17;
 const SOFTWARE_SLOTS: u32 = 1 << 12;
 /// Cells of majorants that a flight crosses without a pause.
 const CELLS: u32 = 32;
-/// Tentative collisions between two looks at what photons need else.
-const TENTATIVES: u32 = 8;
+/// Events of a photon before slots whose photons have ended take their next ones.
+const EVENTS: u32 = 16;
 
 /// `COPIES` and so on of `shaders/counters.wgsl`.
 const COPIES: usize = 64;
@@ -45,7 +45,7 @@ const OVERFLOW: usize = 69;
 #[expect(missing_docs, reason = "the shader names and describes them")]
 pub struct Job {
     pub slots: u32,
-    pub events: u32,
+    pub rounds: u32,
     pub unit: f32,
     pub spare: u32,
 }
@@ -87,8 +87,8 @@ pub struct Shooting<'a> {
     high: wgpu::Buffer,
     bins: Vec<Vec<Bins>>,
     slots: u32,
-    /// Events of a dispatch.
-    events: u32,
+    /// Rounds of a dispatch.
+    rounds: u32,
 }
 
 impl<'a> Shooting<'a> {
@@ -144,7 +144,7 @@ impl<'a> Shooting<'a> {
             high: gpu.empty(total * 4)?,
             bins: widths.iter().map(new).collect(),
             slots,
-            events: 32,
+            rounds: 8,
         })
     }
 
@@ -170,8 +170,8 @@ impl<'a> Shooting<'a> {
             if halted() {
                 return Ok(false);
             }
-            let events = self.events.min(*limit);
-            let job = Job { slots, events, unit: bin_unit(self.plan) as f32, spare: 0 };
+            let rounds = self.rounds.min(*limit);
+            let job = Job { slots, rounds, unit: bin_unit(self.plan) as f32, spare: 0 };
             self.gpu.write(&self.job, 0, &[job]);
             let began = Instant::now();
             self.gpu.run(kernel, &bindings, u64::from(slots))?;
@@ -179,7 +179,7 @@ impl<'a> Shooting<'a> {
                 return Ok(true);
             }
             let factor = (DISPATCH / began.elapsed().as_secs_f64()).clamp(0.5, 2.0);
-            self.events = ((f64::from(events) * factor) as u32).clamp(1, ITERATIONS);
+            self.rounds = ((f64::from(rounds) * factor) as u32).clamp(1, ITERATIONS);
         }
     }
 
@@ -266,7 +266,7 @@ fn source(plan: &Plan, scene: &GpuScene, course: &Course, start: &Start, widths:
     let unscattered = if start.tallies_unscattered { plan.routes[0] } else { (None, None) };
     scene
         .source(&files)
-        .with("TENTATIVES", if course.certain { 1 } else { TENTATIVES })
+        .with("EVENTS", EVENTS)
         .with("CELLS", CELLS)
         .with("ORDER", plan.harmonics.unwrap_or(0) as u32)
         .with("HATS", plan.scene.medium.volume.linear())
@@ -278,11 +278,10 @@ fn source(plan: &Plan, scene: &GpuScene, course: &Course, start: &Start, widths:
         .with("ANGULAR_LAST", first(plan.routes[2].1))
 }
 
-/// Loop iterations that an event takes at most.
+/// Loop iterations that a round of events takes at most.
 fn iterations(plan: &Plan, course: &Course, start: &Start) -> u32 {
     let channels = plan.channels as u32;
     let cells = if course.majorants().is_some() { CELLS } else { 0 };
     let scores = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
-    let tentatives = if course.certain { 1 } else { TENTATIVES };
-    1 + start.iterations + 6 * channels + tentatives * (1 + cells + scores) + 16
+    1 + start.iterations + 4 * channels + EVENTS * (1 + cells + scores + channels)
 }
