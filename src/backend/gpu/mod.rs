@@ -6,6 +6,7 @@
 
 pub mod adapter;
 pub mod device;
+pub mod glow;
 pub mod grid;
 pub mod kernel;
 pub mod lights;

@@ -13,12 +13,12 @@ macro_rules! shaders {
 
 shaders! {
     ALL: "albedo_constant" "albedo_voxels" "channels_1" "channels_3" "columns" "density_constant" "density_voxels" "edge_ball" "edge_box"
-    "flight" "frame" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map" "phase" "phase_hg"
+    "emission_1" "emission_3" "flight" "frame" "glow" "glow_linear" "glow_nearest" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map" "phase" "phase_hg"
     "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "tables" "wide"
 }
 
 #[cfg(test)]
-shaders! { TESTS: "tests/map" }
+shaders! { TESTS: "tests/glow" "tests/map" }
 #[cfg(not(test))]
 shaders! { TESTS: }
 
