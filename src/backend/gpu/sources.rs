@@ -3,25 +3,96 @@
 use crate::error::{Error, Result};
 
 macro_rules! shaders {
-    ($($name:literal)*) => {
+    ($list:ident: $($name:literal)*) => {
         /// Names and texts.
-        pub const ALL: &[(&str, &str)] = &[
+        const $list: &[(&str, &str)] = &[
             $(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))),)*
         ];
     };
 }
 
 shaders! {
-    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular_eye" "angular_harmonics" "angular_nothing"
-    "channels_1" "channels_3" "counters" "density_constant" "density_voxels" "deposit" "edge_ball" "edge_box"
-    "end_fate" "end_nothing" "flight" "flight_state" "flights" "flights_cells" "flights_one" "frame" "harmonics"
-    "light" "line" "lookup" "lookup_linear" "lookup_nearest" "march_constant" "march_linear" "march_nearest"
-    "march_voxels" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "real" "rng"
-    "roulette" "score_deposit" "score_nothing" "shoot" "shoot_one" "start" "start_directional" "start_environment"
-    "start_first" "start_medium" "start_pencil" "start_point" "store_chromatic" "store_grey" "table" "tables"
-    "tally" "tracker_analytic" "tracker_march" "tracker_woodcock" "turn_isotropic" "turn_phase" "way"
-    "weights_chromatic" "weights_grey" "wide"
+    ALL:
+    "accept_all"
+    "accept_some"
+    "albedo_constant"
+    "albedo_voxels"
+    "angular_eye"
+    "angular_harmonics"
+    "angular_nothing"
+    "channels_1"
+    "channels_3"
+    "counters"
+    "density_constant"
+    "density_voxels"
+    "deposit"
+    "edge_ball"
+    "edge_box"
+    "emission_1"
+    "emission_3"
+    "end_fate"
+    "end_nothing"
+    "flight"
+    "flight_state"
+    "flights"
+    "flights_cells"
+    "flights_one"
+    "frame"
+    "glow"
+    "glow_linear"
+    "glow_nearest"
+    "harmonics"
+    "light"
+    "line"
+    "lookup"
+    "lookup_linear"
+    "lookup_nearest"
+    "map"
+    "march_constant"
+    "march_linear"
+    "march_nearest"
+    "march_voxels"
+    "phase"
+    "phase_hg"
+    "phase_isotropic"
+    "phase_rayleigh"
+    "phase_tabulated"
+    "photons"
+    "real"
+    "rng"
+    "roulette"
+    "score_deposit"
+    "score_nothing"
+    "shoot"
+    "shoot_one"
+    "start"
+    "start_directional"
+    "start_environment"
+    "start_first"
+    "start_map"
+    "start_medium"
+    "start_pencil"
+    "start_point"
+    "store_chromatic"
+    "store_grey"
+    "table"
+    "tables"
+    "tally"
+    "tracker_analytic"
+    "tracker_march"
+    "tracker_woodcock"
+    "turn_isotropic"
+    "turn_phase"
+    "way"
+    "weights_chromatic"
+    "weights_grey"
+    "wide"
 }
+
+#[cfg(test)]
+shaders! { TESTS: "tests/glow" "tests/map" }
+#[cfg(not(test))]
+shaders! { TESTS: }
 
 /// The text of a file.
 pub fn read(name: &str) -> Result<String> {
@@ -29,6 +100,6 @@ pub fn read(name: &str) -> Result<String> {
         let path = std::path::Path::new(&folder).join(format!("{name}.wgsl"));
         return std::fs::read_to_string(&path).map_err(|e| Error::Internal(format!("{}: {e}", path.display())));
     }
-    let found = ALL.iter().find(|(one, _)| *one == name);
+    let found = ALL.iter().chain(TESTS).find(|(one, _)| *one == name);
     found.map(|(_, text)| (*text).to_string()).ok_or_else(|| Error::Internal(format!("there is no shader {name:?}")))
 }
