@@ -14,5 +14,6 @@ pub mod map;
 pub mod scene;
 pub mod shoot;
 mod sources;
+pub mod tally;
 
 pub use device::Gpu;

@@ -78,6 +78,8 @@ shaders! {
     "table"
     "tables"
     "tally"
+    "tally_parts"
+    "tally_whole"
     "tracker_analytic"
     "tracker_march"
     "tracker_woodcock"
