@@ -12,11 +12,12 @@ use bytemuck::{Pod, Zeroable};
 /// `Job` of `shaders/columns.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Job {
-    first: u32,
-    end: u32,
-    light: u32,
-    spare: u32,
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Job {
+    pub first: u32,
+    pub end: u32,
+    pub light: u32,
+    pub spare: u32,
 }
 
 /// Light rays of a dispatch.

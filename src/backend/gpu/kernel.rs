@@ -11,6 +11,8 @@ pub struct Source {
     files: Vec<&'static str>,
     /// Values of `override` constants, as the bits of doubles.
     constants: BTreeMap<&'static str, u64>,
+    /// The text, where it is not that of the files.
+    text: Option<String>,
 }
 
 impl Source {
@@ -22,7 +24,12 @@ impl Source {
                 list.push(file);
             }
         }
-        Source { files: list, constants: BTreeMap::new() }
+        Source { files: list, constants: BTreeMap::new(), text: None }
+    }
+
+    /// Names of its files.
+    pub fn files(&self) -> &[&'static str] {
+        &self.files
     }
 
     /// Sets a constant; one that no file declares is left out.
@@ -31,8 +38,16 @@ impl Source {
         self
     }
 
+    /// A kernel of the same constants with a name and a text of its own.
+    pub fn rewritten(self, name: &'static str, text: String) -> Self {
+        Source { files: vec![name], text: Some(text), ..self }
+    }
+
     /// The WGSL of all files.
     pub fn text(&self) -> Result<String> {
+        if let Some(text) = &self.text {
+            return Ok(text.clone());
+        }
         let mut text = String::new();
         for file in &self.files {
             text += &sources::read(file)?;

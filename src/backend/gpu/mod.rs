@@ -9,7 +9,9 @@ pub mod device;
 pub mod grid;
 pub mod kernel;
 pub mod lights;
+pub mod probe;
 pub mod scene;
-mod sources;
+pub mod sources;
 
 pub use device::Gpu;
+pub use sources::kernels;
