@@ -5,7 +5,7 @@ use mcrt::backend::gpu::kernel::{Source, parse};
 use mcrt::backend::gpu::probe::Inputs;
 use mcrt::backend::gpu::scene::Constants;
 use mcrt::backend::gpu::sources::{ALL, COMMON, KERNELS, KINDS, read};
-use mcrt::backend::gpu::{grid, kernels, lights};
+use mcrt::backend::gpu::{emit, kernels, lights, shoot};
 use std::collections::HashSet;
 use std::fs;
 use std::mem::offset_of;
@@ -34,13 +34,12 @@ fn every_file_is_compiled_in_and_used() {
     let folder = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders")).expect("it is there");
     let mut files: Vec<String> = folder
         .map(|entry| entry.expect("it can be read").file_name().into_string().expect("a plain name"))
-        .map(|name| name.strip_suffix(".wgsl").expect("shaders alone").to_string())
+        .filter_map(|name| Some(name.strip_suffix(".wgsl")?.to_string()))
         .collect();
     files.sort();
     let listed: Vec<&str> = ALL.iter().map(|(name, _)| *name).collect();
     assert_eq!(files, listed, "the list in sources.rs");
-    // What probes run alone.
-    let mut used = HashSet::from(["probe", "harmonics"]);
+    let mut used = HashSet::from(["probe"]);
     used.extend(kernels().iter().flat_map(|kernel| kernel.files().to_vec()));
     for name in listed {
         assert!(used.contains(name), "no kernel holds {name}");
@@ -121,19 +120,24 @@ fn layouts() -> Vec<Layout> {
             n block h free_path inverse_h top_extinction extinction texel albedo constant ratio albedo_texel cells last eye
             seed enough spare),
         layout!("light", "Light", lights::Light, place is_point value rays first has_nodes check spare),
-        layout!("columns", "Job", grid::Job, first end light spare),
+        layout!("start", "Emitter", emit::Constants,
+            step first colour count place distance axis cap faces scale below_x below_y rows width height flag),
+        layout!("photons", "Job", shoot::Job, slots rounds unit spare),
+        layout!("photons", "Photon", shoot::Photon,
+            p order d state weight number absorbed block word at depth xi free_path hero spare),
         layout!("probe", "Inputs", Inputs, a b w),
     ]
 }
 
 #[test]
 fn structs_lie_in_memory_as_in_rust() {
+    // What a probe calls is its own.
+    let call = "\nfn call(a: vec4<f32>, b: vec4<f32>, w: vec4<u32>) -> vec4<f32> {\n    return a;\n}\n";
     for (file, name, rust, size) in layouts() {
-        // The file with all that it may call on; what probes call is their own.
         let kinds = KINDS.iter().map(|list| list[0]);
-        let source = Source::new([file, "light"].into_iter().chain(kinds).chain(COMMON.iter().copied()));
-        let text = source.text().expect("it is there")
-            + "fn call(a: vec4<f32>, b: vec4<f32>, w: vec4<u32>) -> vec4<f32> { return a; }";
+        let others = ["flights"].into_iter().chain(kinds).chain(COMMON.iter().copied());
+        let source = Source::new([file].into_iter().chain(others));
+        let text = source.around(read(file).expect("it is there") + call).expect("its files are there");
         let (module, _) = parse(&source.rewritten(file, text)).expect("it is valid");
         let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).expect("it is there");
         let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is no struct") };

@@ -6,11 +6,12 @@
 
 pub mod adapter;
 pub mod device;
-pub mod grid;
+pub mod emit;
 pub mod kernel;
 pub mod lights;
 pub mod probe;
 pub mod scene;
+pub mod shoot;
 pub mod sources;
 
 pub use device::Gpu;

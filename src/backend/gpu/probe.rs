@@ -6,6 +6,7 @@ mod voxels;
 use super::device::Gpu;
 use super::kernel::Binding;
 use super::scene::GpuScene;
+use super::sources;
 use crate::error::Result;
 use crate::physics::rng::{uniform, words};
 use bytemuck::{Pod, Zeroable};
@@ -168,7 +169,7 @@ impl Bench<'_> {
                 "fn call(a: vec4<f32>, b: vec4<f32>, w: vec4<u32>) -> vec4<{}> {{\n    {}\n}}\n",
                 twin.of, twin.body
             );
-            let text = (self.alter)(source.text()? + &call);
+            let text = (self.alter)(source.around(sources::read("probe")? + "\n" + &call)?);
             let kernel = gpu.kernel(source.rewritten(twin.function, text))?;
             let (inputs, outputs) = (gpu.buffer(&twin.inputs)?, gpu.empty(twin.inputs.len() as u64 * 16)?);
             let mut bindings = scene.bindings();

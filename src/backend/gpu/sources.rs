@@ -14,9 +14,12 @@ macro_rules! shaders {
 }
 
 shaders! {
-    "albedo_constant" "albedo_voxels" "channels_1" "channels_3" "columns" "density_constant" "density_voxels" "edge_ball" "edge_box"
-    "flight" "frame" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg"
-    "phase_isotropic" "phase_rayleigh" "phase_tabulated" "probe" "real" "rng" "tables" "wide"
+    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular_eye" "angular_harmonics" "angular_nothing"
+    "channels_1" "channels_3" "counters" "density_constant" "density_voxels" "deposit" "edge_ball"
+    "edge_box" "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame" "harmonics" "light"
+    "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh"
+    "phase_tabulated" "photons" "probe" "real" "rng" "shoot" "start" "start_directional" "start_environment" "start_first"
+    "start_medium" "start_pencil" "start_point" "table" "tables" "tally" "turn_isotropic" "turn_phase" "wide"
 }
 
 /// Files of every kernel.
@@ -33,30 +36,43 @@ pub const KINDS: &[&[&str]] = &[
 ];
 
 /// The kernels: for each the files besides, one from each list; the first holds `main`.
-pub const KERNELS: &[&[&[&str]]] = &[&[&["columns"], &["light"]]];
+pub const KERNELS: &[&[&[&str]]] = &[&[
+    &["shoot"],
+    &["flights"],
+    &["photons"],
+    &["counters"],
+    &["tally"],
+    &["deposit"],
+    &["harmonics"],
+    &["table"],
+    &["light"],
+    &["start"],
+    &["flights_cells", "flights_one"],
+    &["turn_isotropic", "turn_phase"],
+    &["accept_all", "accept_some"],
+    &["end_fate", "end_nothing"],
+    &["angular_eye", "angular_harmonics", "angular_nothing"],
+    &["start_first", "start_medium", "start_pencil", "start_point", "start_directional", "start_environment"],
+]];
 
-/// Kernels in which every file meets every other that it may be asked to meet: what is missing or clashes, does so
-/// between two.
+/// All kernels, each for so many kinds of scene that any two files that may meet do meet: what is missing or clashes, does
+/// so between two.
 pub fn kernels() -> Vec<Source> {
     let mut kernels = Vec::new();
     for lists in KERNELS {
+        let (fixed, choices): (Vec<&[&str]>, Vec<_>) = lists.iter().chain(KINDS).partition(|list| list.len() == 1);
+        let fixed: Vec<&'static str> = fixed.concat();
         let mut met = HashSet::new();
-        let lists: Vec<&[&'static str]> = lists.iter().chain(KINDS).copied().collect();
-        let combinations: usize = lists.iter().map(|list| list.len()).product();
-        for mut at in 0..combinations {
-            let files: Vec<&'static str> = lists
-                .iter()
-                .map(|list| {
-                    let file = list[at % list.len()];
-                    at /= list.len();
-                    file
-                })
-                .collect();
-            let pairs: Vec<_> = files.iter().flat_map(|&a| files.iter().map(move |&b| (a, b))).collect();
-            // Each pair is to be seen, whatever came before.
-            let news = pairs.into_iter().filter(|pair| met.insert(*pair)).count();
-            if news > 0 {
-                kernels.push(Source::new(files.into_iter().chain(COMMON.iter().copied())));
+        for number in 0..choices.iter().map(|list| list.len()).product() {
+            let mut rest: usize = number;
+            let mut files = Vec::with_capacity(choices.len());
+            for list in &choices {
+                files.push(list[rest % list.len()]);
+                rest /= list.len();
+            }
+            let pairs = files.iter().flat_map(|&a| files.iter().map(move |&b| (a, b)));
+            if pairs.fold(false, |new, pair| met.insert(pair) || new) {
+                kernels.push(Source::new(fixed.iter().chain(&files).chain(COMMON).copied()));
             }
         }
     }

@@ -106,6 +106,17 @@ fn wide() -> Vec<Twin<'static>> {
             inputs.extend([[x, y, y, x], [x, y, x, y], [x, x, y, y]].map(|w| Inputs { w, ..Inputs::default() }));
         }
     }
+    let floats = |most: f32| {
+        let sizes = (-40..63).map(|b| 2f32.powi(b)).chain([0.3, 0.99999994, 255.5, 1e6, 4294967300.0, 1.7e10]);
+        sizes.filter(move |&x| x < most).flat_map(|x| [x, -x, 1.37 * x, -1.37 * x]).chain([0.0])
+    };
+    let mut fractions: Vec<Inputs> = inputs.iter().copied().filter(|i| low(i) < high(i)).collect();
+    fractions.extend(
+        inputs
+            .iter()
+            .filter(|i| high(i) < low(i))
+            .map(|i| Inputs { w: [i.w[2], i.w[3], i.w[0], i.w[1]], ..Inputs::default() }),
+    );
     let of =
         |function, body, answer: fn(&Inputs) -> [u32; 2]| Twin::words("wide", function, body, inputs.clone(), answer);
     vec![
@@ -120,6 +131,19 @@ fn wide() -> Vec<Twin<'static>> {
         of("mul_high64", "return vec4(mul_high64(w.x, w.zw), 0u, 0u);", |i| {
             two(((u128::from(i.w[0]) * u128::from(high(i))) >> 32) as u64)
         }),
+        of("negate64", "return vec4(negate64(w.xy), 0u, 0u);", |i| two(low(i).wrapping_neg())),
+        of("shift64", "return vec4(shift64(w.xy, w.z % 64u), 0u, 0u);", |i| two(low(i) << (i.w[2] % 64))),
+        Twin::words("wide", "wide_floor", "return vec4(wide_floor(a.x), 0u, 0u);", numbers(floats(4e18)), |i| {
+            two(i.a[0].floor() as i64 as u64)
+        }),
+        Twin::words("wide", "wide_cut", "return vec4(wide_cut(a.x), 0u, 0u);", numbers(floats(2e9)), |i| {
+            two((f64::from(i.a[0]) * 4294967296.0) as i64 as u64)
+        }),
+        Twin::new("wide", "float64", "return vec4(float64(w.xy));", inputs.clone())
+            .double(2.0, |i| relative([low(i) as f64])),
+        // Right to 2^-31, and cut off.
+        Twin { of: "u32", ..Twin::new("wide", "fraction64", "return vec4(fraction64(w.xy, w.zw));", fractions) }
+            .double(3.0, |i| [(low(i) as f64 / high(i) as f64 * 4294967296.0, 1.0 / f64::from(f32::EPSILON))]),
     ]
 }
 

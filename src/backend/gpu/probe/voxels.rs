@@ -195,6 +195,26 @@ fn lines<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         Twin::new(edge, "leave", "return vec4(leave(a.xyz, b.xyz).t);", inputs)
             .single(if field.is_ball() { 12.0 } else { 4.0 }, move |i| relative([field.leave(i.p(), i.v()).1])),
     );
+    // Points on both sides of the edge, and on the faces.
+    let mut points = rays(scene);
+    for i in &mut points {
+        let onto = i.w[2] as usize % 6;
+        for a in 0..3 {
+            i.a[a] += 0.7 * (i.a[a] - 0.5 * n[a] as f32);
+        }
+        if i.w[3] % 4 == 0 && !field.is_ball() {
+            i.a[onto % 3] = if onto < 3 { 0.0 } else { n[onto % 3] as f32 };
+        }
+    }
+    twins.push(Twin::words(edge, "contains", "return vec4(u32(contains(a.xyz)));", points, move |i| {
+        let [x, y, z] = i.p().map(|c| c - 0.5);
+        let inside = if field.is_ball() {
+            x * x + y * y + z * z < 0.25
+        } else {
+            (0..3).all(|a| i.a[a] >= 0.0 && i.a[a] < n[a] as f32)
+        };
+        [u32::from(inside)]
+    }));
     twins
 }
 
