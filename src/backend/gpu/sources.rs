@@ -15,11 +15,14 @@ macro_rules! shaders {
 
 shaders! {
     "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular_eye" "angular_harmonics" "angular_nothing"
-    "channels_1" "channels_3" "counters" "density_constant" "density_voxels" "deposit" "edge_ball"
-    "edge_box" "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame" "harmonics" "light"
-    "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh"
-    "phase_tabulated" "photons" "probe" "real" "rng" "shoot" "start" "start_directional" "start_environment" "start_first"
-    "start_medium" "start_pencil" "start_point" "table" "tables" "tally" "turn_isotropic" "turn_phase" "wide"
+    "channels_1" "channels_3" "counters" "density_constant" "density_voxels" "deposit" "edge_ball" "edge_box"
+    "end_fate" "end_nothing" "flight" "flight_state" "flights" "flights_cells" "flights_one" "frame" "harmonics"
+    "light" "line" "lookup" "lookup_linear" "lookup_nearest" "march_constant" "march_linear" "march_nearest"
+    "march_voxels" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "probe" "real" "rng"
+    "roulette" "score_deposit" "score_nothing" "shoot" "shoot_one" "start" "start_directional" "start_environment"
+    "start_first" "start_medium" "start_pencil" "start_point" "store_chromatic" "store_grey" "table" "tables"
+    "tally" "tracker_analytic" "tracker_march" "tracker_woodcock" "turn_isotropic" "turn_phase" "way"
+    "weights_chromatic" "weights_grey" "wide"
 }
 
 /// Files of every kernel.
