@@ -2,7 +2,7 @@
 
 use super::sources;
 use crate::error::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// What a kernel is made of: it is compiled once for each.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -54,9 +54,12 @@ impl Source {
     /// A text with those of the other files that it calls on, and so on.
     pub fn around(&self, mut text: String) -> Result<String> {
         let mut rest = self.files.iter().skip(1).map(|file| sources::read(file)).collect::<Result<Vec<_>>>()?;
-        while let Some(at) = rest.iter().position(|file| declared(file).any(|name| mentions(&text, name))) {
+        let mut mentioned: HashSet<String> = words(&text).map(str::to_string).collect();
+        while let Some(at) = rest.iter().position(|file| declared(file).any(|name| mentioned.contains(name))) {
+            let file = rest.remove(at);
+            mentioned.extend(words(&file).map(str::to_string));
             text.push('\n');
-            text += &rest.remove(at);
+            text += &file;
         }
         Ok(text)
     }
@@ -80,10 +83,10 @@ fn is_part(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Whether a text holds a name outside of its comments.
-fn mentions(text: &str, name: &str) -> bool {
-    let code = |line: &'_ str| line.split("//").next().unwrap_or_default().to_string();
-    text.lines().any(|line| code(line).split(|c| !is_part(c)).any(|word| word == name))
+/// The words of a text outside of its comments.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    let code = text.lines().map(|line| line.split_once("//").map_or(line, |(code, _)| code));
+    code.flat_map(|code| code.split(|c| !is_part(c)))
 }
 
 /// Something that a kernel reads or writes.

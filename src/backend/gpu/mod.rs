@@ -7,8 +7,10 @@
 pub mod adapter;
 pub mod device;
 pub mod emit;
+pub mod glow;
 pub mod kernel;
 pub mod lights;
+pub mod map;
 pub mod probe;
 pub mod scene;
 pub mod shoot;

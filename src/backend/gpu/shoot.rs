@@ -370,5 +370,5 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Flights, start: &Start, width
         .with("ANGULAR_FIRST", first(unscattered.1))
         .with("ANGULAR_INNER", first(plan.routes[1].1))
         .with("ANGULAR_LAST", first(plan.routes[2].1));
-    flights.constants.iter().fold(source, |source, (name, value)| source.with(name, *value))
+    flights.constants.iter().fold(start.set(source), |source, (name, value)| source.with(name, *value))
 }

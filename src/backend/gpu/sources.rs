@@ -5,77 +5,174 @@ use crate::error::{Error, Result};
 use std::collections::HashSet;
 
 macro_rules! shaders {
-    ($($name:literal)*) => {
+    ($list:ident: $($name:literal)*) => {
         /// Names and texts.
-        pub const ALL: &[(&str, &str)] = &[
+        pub const $list: &[(&str, &str)] = &[
             $(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))),)*
         ];
     };
 }
 
 shaders! {
-    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular_eye" "angular_harmonics" "angular_nothing"
-    "channels_1" "channels_3" "counters" "density_constant" "density_voxels" "deposit" "edge_ball" "edge_box"
-    "end_fate" "end_nothing" "flight" "flight_state" "flights" "flights_cells" "flights_one" "frame" "harmonics"
-    "light" "line" "lookup" "lookup_linear" "lookup_nearest" "march_constant" "march_linear" "march_nearest"
-    "march_voxels" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "probe" "real" "rng"
-    "roulette" "score_deposit" "score_nothing" "shoot" "shoot_one" "start" "start_directional" "start_environment"
-    "start_first" "start_medium" "start_pencil" "start_point" "store_chromatic" "store_grey" "table" "tables"
-    "tally" "tracker_analytic" "tracker_march" "tracker_woodcock" "turn_isotropic" "turn_phase" "way"
-    "weights_chromatic" "weights_grey" "wide"
+    ALL:
+    "accept_all"
+    "accept_some"
+    "albedo_constant"
+    "albedo_voxels"
+    "angular_eye"
+    "angular_harmonics"
+    "angular_nothing"
+    "channels_1"
+    "channels_3"
+    "counters"
+    "density_constant"
+    "density_voxels"
+    "deposit"
+    "edge_ball"
+    "edge_box"
+    "emission_1"
+    "emission_3"
+    "end_fate"
+    "end_nothing"
+    "flight"
+    "flight_state"
+    "flights"
+    "flights_cells"
+    "flights_one"
+    "frame"
+    "glow"
+    "glow_linear"
+    "glow_nearest"
+    "harmonics"
+    "light"
+    "line"
+    "lookup"
+    "lookup_linear"
+    "lookup_nearest"
+    "map"
+    "march_constant"
+    "march_linear"
+    "march_nearest"
+    "march_voxels"
+    "phase"
+    "phase_hg"
+    "phase_isotropic"
+    "phase_rayleigh"
+    "phase_tabulated"
+    "photons"
+    "probe"
+    "real"
+    "rng"
+    "roulette"
+    "score_deposit"
+    "score_nothing"
+    "shoot"
+    "shoot_one"
+    "start"
+    "start_directional"
+    "start_environment"
+    "start_first"
+    "start_map"
+    "start_medium"
+    "start_pencil"
+    "start_point"
+    "store_chromatic"
+    "store_grey"
+    "table"
+    "tables"
+    "tally"
+    "tracker_analytic"
+    "tracker_march"
+    "tracker_woodcock"
+    "turn_isotropic"
+    "turn_phase"
+    "way"
+    "weights_chromatic"
+    "weights_grey"
+    "wide"
 }
+
+#[cfg(test)]
+shaders! { TESTS: "tests/glow" "tests/map" }
+#[cfg(not(test))]
+shaders! { TESTS: }
 
 /// Files of every kernel.
 pub const COMMON: &[&str] = &["tables", "real", "wide", "rng", "line", "lookup", "flight", "frame", "phase"];
 
-/// Files of which the kind of scene chooses one from each list.
-pub const KINDS: &[&[&str]] = &[
-    &["channels_1", "channels_3"],
-    &["edge_ball", "edge_box"],
-    &["lookup_linear", "lookup_nearest"],
-    &["density_constant", "density_voxels"],
-    &["albedo_constant", "albedo_voxels"],
-    &["phase_isotropic", "phase_rayleigh", "phase_hg", "phase_tabulated"],
+/// Files of which the kind of scene chooses one from each row.
+pub const KINDS: &[&str] = &[
+    "channels_1 | channels_3",
+    "edge_ball | edge_box",
+    "lookup_linear | lookup_nearest",
+    "density_constant | density_voxels",
+    "albedo_constant | albedo_voxels",
+    "phase_isotropic | phase_rayleigh | phase_hg | phase_tabulated",
 ];
 
-/// The kernels: for each the files besides, one from each list; the first holds `main`.
-pub const KERNELS: &[&[&[&str]]] = &[&[
-    &["shoot"],
-    &["flights"],
-    &["photons"],
-    &["counters"],
-    &["tally"],
-    &["deposit"],
-    &["harmonics"],
-    &["table"],
-    &["light"],
-    &["start"],
-    &["flights_cells", "flights_one"],
-    &["turn_isotropic", "turn_phase"],
-    &["accept_all", "accept_some"],
-    &["end_fate", "end_nothing"],
-    &["angular_eye", "angular_harmonics", "angular_nothing"],
-    &["start_first", "start_medium", "start_pencil", "start_point", "start_directional", "start_environment"],
-]];
+/// What is chosen by the emitter of photons.
+const STARTS: &str = "start_point | start_pencil | start_directional | start_environment | start_first table light | \
+                      start_medium table emission_1 | start_medium table emission_3 | start_map table map";
+/// What is chosen by what they are to leave in the voxels.
+const ANGULAR: &str = "angular_eye | angular_harmonics | angular_nothing";
+/// Whether tests watch photons.
+const ENDS: &str = "end_fate | end_nothing";
 
-/// All kernels, each for so many kinds of scene that any two files that may meet do meet: what is missing or clashes, does
+/// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
+pub const KERNELS: &[&[&str]] = &[
+    &[
+        "shoot flights flight_state roulette photons counters tally deposit harmonics start",
+        "flights_cells | flights_one",
+        "turn_isotropic | turn_phase",
+        "accept_all | accept_some",
+        STARTS,
+        ANGULAR,
+        ENDS,
+    ],
+    &[
+        "shoot_one way flight_state roulette photons counters tally deposit harmonics start",
+        "weights_chromatic store_chromatic | weights_grey store_grey",
+        "score_deposit | score_nothing",
+        "tracker_woodcock | tracker_analytic | tracker_march march_constant march_nearest | \
+         tracker_march march_voxels march_nearest | tracker_march march_voxels march_linear",
+        STARTS,
+        ANGULAR,
+        ENDS,
+    ],
+];
+
+/// Files that no scene asks for together.
+const NEVER: [(&str, &str); 5] = [
+    ("weights_chromatic", "channels_1"),
+    ("emission_3", "channels_1"),
+    ("march_constant", "density_voxels"),
+    ("march_voxels", "density_constant"),
+    ("march_linear", "lookup_nearest"),
+];
+
+/// All kernels, each for so many kinds of scene that any two choices that may meet do meet: what is missing or clashes, does
 /// so between two.
 pub fn kernels() -> Vec<Source> {
     let mut kernels = Vec::new();
-    for lists in KERNELS {
-        let (fixed, choices): (Vec<&[&str]>, Vec<_>) = lists.iter().chain(KINDS).partition(|list| list.len() == 1);
-        let fixed: Vec<&'static str> = fixed.concat();
+    for rows in KERNELS {
+        let rows: Vec<Vec<&str>> =
+            rows.iter().chain(KINDS).map(|row| row.split('|').map(str::trim).collect()).collect();
         let mut met = HashSet::new();
-        for number in 0..choices.iter().map(|list| list.len()).product() {
+        for number in 0..rows.iter().map(Vec::len).product() {
             let mut rest: usize = number;
-            let mut files = Vec::with_capacity(choices.len());
-            for list in &choices {
-                files.push(list[rest % list.len()]);
-                rest /= list.len();
+            let mut chosen = Vec::with_capacity(rows.len());
+            for row in &rows {
+                chosen.push(row[rest % row.len()]);
+                rest /= row.len();
             }
-            let pairs = files.iter().flat_map(|&a| files.iter().map(move |&b| (a, b)));
-            if pairs.fold(false, |new, pair| met.insert(pair) || new) {
-                kernels.push(Source::new(fixed.iter().chain(&files).chain(COMMON).copied()));
+            let news = chosen.iter().enumerate().flat_map(|(k, &a)| chosen[..k].iter().map(move |&b| (a, b)));
+            if news.clone().all(|pair| met.contains(&pair)) {
+                continue;
+            }
+            let files: Vec<&'static str> = chosen.iter().flat_map(|choice| choice.split_whitespace()).collect();
+            if NEVER.iter().all(|(a, b)| !files.contains(a) || !files.contains(b)) {
+                met.extend(news);
+                kernels.push(Source::new(files.into_iter().chain(COMMON.iter().copied())));
             }
         }
     }
@@ -88,6 +185,6 @@ pub fn read(name: &str) -> Result<String> {
         let path = std::path::Path::new(&folder).join(format!("{name}.wgsl"));
         return std::fs::read_to_string(&path).map_err(|e| Error::Internal(format!("{}: {e}", path.display())));
     }
-    let found = ALL.iter().find(|(one, _)| *one == name);
+    let found = ALL.iter().chain(TESTS).find(|(one, _)| *one == name);
     found.map(|(_, text)| (*text).to_string()).ok_or_else(|| Error::Internal(format!("there is no shader {name:?}")))
 }

@@ -5,6 +5,7 @@ use super::super::scene::GpuScene;
 use super::{Bench, Inputs, Measured, Twin, about, drawn, formulas, relative, some_words};
 use crate::backend::cpu::light::Illumination;
 use crate::error::Result;
+use crate::physics::flight::mean_transmittance;
 use crate::physics::rng::uniform;
 use crate::physics::{Phase, Real};
 use crate::plan::Column;
@@ -122,6 +123,13 @@ fn spectra<'a>(scene: &Scene) -> Vec<Twin<'a>> {
             .single(0.0, move |i| relative([seen(i)[(i.w[0] % 3) as usize]])),
         Twin::new(file, "largest", "return vec4(largest(spectrum(a.xyz)));", inputs.clone())
             .single(0.0, move |i| relative([seen(i).into_iter().fold(0.0, f32::max)])),
+        Twin::new(
+            file,
+            "mean_transmittances",
+            "return vec4(rgb(mean_transmittances(spectrum(abs(a.xyz)))), 0.0);",
+            inputs.clone(),
+        )
+        .single(6.0, move |i| relative(seen(i).map(|tau| mean_transmittance(tau.abs())))),
         Twin::new(file, "expos", "return vec4(rgb(expos(spectrum(a.xyz))), 0.0);", inputs)
             .single(4.0, move |i| relative(seen(i).map(Real::exp))),
     ]
@@ -267,6 +275,16 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
             about(size * f64::from(1.0 + i.a[3]), [field.column_up_to(i.p(), i.v(), i.a[3], i.b[3])])
         }),
     ];
+    let cubic = "return density_cubic(voxel_of(a.xyz) - vec3<i32>(w.xyz & vec3(LINEAR)), a.xyz - floor(a.xyz), b.xyz);";
+    let cubic = cubic.replace("LINEAR", if volume.linear() { "1u" } else { "0u" });
+    twins.push(Twin::new(density, "density_cubic", cubic, inputs.clone()).double(8.0, move |i| {
+        if !volume.linear() {
+            return about(size, [field.voxel(voxel(i)), 0.0, 0.0, 0.0]);
+        }
+        let cell = voxel(i);
+        let corners = field.corners(std::array::from_fn(|a| cell[a] - (i.w[a] & 1) as i32));
+        about(4.0 * size, corners.cubic(i.p().map(|c| f64::from(c - c.floor())), i.v().map(f64::from)))
+    }));
     if volume.linear() {
         let body = "return vec4(local(a.xyz, voxel_of(a.xyz) - vec3<i32>(w.xyz & vec3(1u))), 0.0);";
         twins.push(Twin::new("lookup_linear", "local", body, inputs.clone()).single(1.0, move |i| {
