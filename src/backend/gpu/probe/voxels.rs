@@ -291,6 +291,16 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
             let cell = voxel(i);
             about(1.0, local(i.p(), std::array::from_fn(|a| cell[a] - (i.w[a] & 1) as i32)))
         }));
+        let body = "let cell = vec3<i32>(w.xyz) - 1;\n    let goal = bitcast<f32>(w.w) / scene.texel;\n    \
+                    return vec4(invert(corners(density, cell), cell, a.xyz, b.xyz, a.w, b.w, goal));";
+        // The search ends at 8 units of the way, and is as sure as the density is large there.
+        twins.push(Twin::new("lookup_linear", "invert", body, goals(&field)).single(16.0, move |i| {
+            let cell = [0, 1, 2].map(|a| i.w[a] as i32 - 1);
+            let corners = field.corners(cell);
+            let t = field.invert(&corners, cell, i.p(), i.v(), (i.a[3], i.b[3]), f32::from_bits(i.w[3]));
+            let there = corners.at(local(along(i.p(), i.v(), t), cell));
+            about(f64::from((i.b[3] - i.a[3]) * (1.0 + top / there.max(1e-30))), [t])
+        }));
     }
     let (albedo, values): (_, Box<dyn Fn(&Inputs, bool) -> [f32; 3]>) = match medium.albedo {
         Albedo::Constant(a) => ("albedo_constant", Box::new(move |_, _| a.rgb.map(|c| c as f32))),
@@ -309,6 +319,20 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         twins.push(Twin::new(albedo, function, body, inputs.clone()).single(8.0, move |i| about(1.0, values(i, read))));
     }
     twins
+}
+
+/// Lines through cells of interpolation from a.w to b.w, and what the integral along them is to reach.
+fn goals(field: &Field) -> Vec<Inputs> {
+    drawn(300, |u, w| {
+        let cell: [i32; 3] = std::array::from_fn(|a| (w[a] % (N[a] as u32 + 1)) as i32 - 1);
+        let (t0, length) = (u[6], 0.5 + u[7]);
+        // From one point of the cell to another.
+        let v: [f32; 3] = std::array::from_fn(|a| (u[3 + a] - u[a]) / length);
+        let p: [f32; 3] = std::array::from_fn(|a| cell[a] as f32 + 0.5 + u[a] - v[a] * t0);
+        let goal = uniform(w[3]) * field.piece(cell, p, v, t0, t0 + length);
+        let [i, j, k] = cell.map(|c| (c + 1) as u32);
+        Inputs { a: [p[0], p[1], p[2], t0], b: [v[0], v[1], v[2], t0 + length], w: [i, j, k, goal.to_bits()] }
+    })
 }
 
 /// `light.wgsl`: lights with and without a light grid, whose nodes hold any numbers here.
