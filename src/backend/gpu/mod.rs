@@ -11,9 +11,11 @@ pub mod glow;
 pub mod kernel;
 pub mod lights;
 pub mod map;
+pub mod probe;
 pub mod scene;
 pub mod shoot;
-mod sources;
+pub mod sources;
 pub mod tally;
 
 pub use device::Gpu;
+pub use sources::kernels;
