@@ -5,7 +5,9 @@
 //! photon draws them, are those of the CPU.
 
 pub mod adapter;
+pub mod angular;
 pub mod device;
+pub mod gather;
 pub mod grid;
 pub mod kernel;
 pub mod lights;

@@ -12,9 +12,11 @@ macro_rules! shaders {
 }
 
 shaders! {
-    "albedo_constant" "albedo_voxels" "channels_1" "channels_3" "columns" "density_constant" "density_voxels" "edge_ball" "edge_box"
-    "flight" "frame" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg"
-    "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "tables" "wide"
+    "albedo_constant" "albedo_voxels" "angular" "camera" "camera_orthographic" "camera_perspective" "cells_constant"
+    "cells_linear" "cells_nearest" "channels_1" "channels_3" "columns" "density_constant" "density_voxels" "edge_ball"
+    "edge_box" "flight" "frame" "gather" "gather_close" "gather_mean" "gather_ray" "harmonics" "interpolate" "light"
+    "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh"
+    "phase_tabulated" "real" "rng" "source0_none" "source0_voxels" "source_none" "source_voxels" "tables" "wide"
 }
 
 /// The text of a file.
