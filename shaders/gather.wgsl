@@ -12,7 +12,6 @@ const U1 = 0.21132487;
 const U2 = 0.7886751;
 
 @group(0) @binding(21) var<storage, read_write> busy: atomic<u32>;
-@group(0) @binding(25) var<storage, read> pixels: array<u32>;
 
 // A view ray within the box.
 struct Ray {
@@ -40,11 +39,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if at >= job.rays || (job.begin == 0u && sums[at].over == 1u) {
         return;
     }
-    let samples = f32(job.samples);
-    let sub = at % rays_per_pixel();
-    let part = (vec2(f32(sub % job.samples), f32(sub / job.samples)) + 0.5) / samples;
-    let seen = view_ray(pixels[at / rays_per_pixel()], part);
-    let least_off = 0.1 * pixel_width(seen.start + 0.5 * seen.length) / samples;
+    let count = rays_per_pixel();
+    let share = 1.0 / f32(job.samples);
+    let seen = view_ray(view_place(pixels[at / count], share_of(at % count) + 0.5 * share));
+    let least_off = 0.1 * pixel_width(seen.start + 0.5 * seen.length) * share;
     let ray = Ray(seen.p, seen.v, seen.direction, least_off);
     let end = min(seen.length, leave(ray.p, ray.v).t);
     var walk = walk_cells(ray.p, ray.v);

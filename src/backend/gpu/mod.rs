@@ -11,6 +11,7 @@ pub mod gather;
 pub mod grid;
 pub mod kernel;
 pub mod lights;
+pub mod map;
 pub mod scene;
 mod sources;
 

@@ -3,21 +3,27 @@
 use crate::error::{Error, Result};
 
 macro_rules! shaders {
-    ($($name:literal)*) => {
+    ($list:ident: $($name:literal)*) => {
         /// Names and texts.
-        pub const ALL: &[(&str, &str)] = &[
+        const $list: &[(&str, &str)] = &[
             $(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))),)*
         ];
     };
 }
 
 shaders! {
-    "albedo_constant" "albedo_voxels" "angular" "camera" "camera_orthographic" "camera_perspective" "cells_constant"
-    "cells_linear" "cells_nearest" "channels_1" "channels_3" "columns" "density_constant" "density_voxels" "edge_ball"
-    "edge_box" "flight" "frame" "gather" "gather_close" "gather_mean" "gather_ray" "harmonics" "interpolate" "light"
-    "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh"
-    "phase_tabulated" "real" "rng" "source0_none" "source0_voxels" "source_none" "source_voxels" "tables" "wide"
+    ALL: "albedo_constant" "albedo_voxels" "angular" "backdrop_constant" "backdrop_maps" "camera" "camera_orthographic"
+    "camera_perspective" "cells_constant" "cells_linear" "cells_nearest" "channels_1" "channels_3" "columns"
+    "density_constant" "density_voxels" "edge_ball" "edge_box" "flight" "frame" "gather" "gather_close" "gather_mean"
+    "gather_ray" "harmonics" "interpolate" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map" "phase"
+    "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "source0_none" "source0_voxels"
+    "source_none" "source_voxels" "tables" "wide"
 }
+
+#[cfg(test)]
+shaders! { TESTS: "tests/map" }
+#[cfg(not(test))]
+shaders! { TESTS: }
 
 /// The text of a file.
 pub fn read(name: &str) -> Result<String> {
@@ -25,6 +31,6 @@ pub fn read(name: &str) -> Result<String> {
         let path = std::path::Path::new(&folder).join(format!("{name}.wgsl"));
         return std::fs::read_to_string(&path).map_err(|e| Error::Internal(format!("{}: {e}", path.display())));
     }
-    let found = ALL.iter().find(|(one, _)| *one == name);
+    let found = ALL.iter().chain(TESTS).find(|(one, _)| *one == name);
     found.map(|(_, text)| (*text).to_string()).ok_or_else(|| Error::Internal(format!("there is no shader {name:?}")))
 }
