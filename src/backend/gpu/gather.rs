@@ -13,6 +13,7 @@ use crate::backend::cpu::gather::{self as cpu, Backdrop, Image, Volumes, rays_pe
 use crate::backend::cpu::light::Illumination;
 use crate::error::{Error, Result};
 use crate::scene::camera::Eye;
+use crate::scene::field::BLOCK;
 use crate::scene::{Camera, Scene};
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -315,12 +316,24 @@ impl<'a> Pass<'a> {
             }
             None => "source0_none",
         });
+        let mut buffers = Vec::new();
+        files.push(match volumes.occupancy {
+            Some(occupancy) => {
+                let word = |bits: &[bool]| bits.iter().enumerate().fold(0u32, |w, (i, &bit)| w | u32::from(bit) << i);
+                let words: Vec<u32> = occupancy.blocks().chunks(32).map(word).collect();
+                buffers.push(("occupied", gpu.buffer(&words)?));
+                "skip_blocks"
+            }
+            None => "skip_none",
+        });
         let offset = if volume.linear() { 0.5 } else { 0.0 };
-        let walk = gpu.kernel(scene.source(&files).with("OFFSET", offset))?;
+        let walk = gpu.kernel(scene.source(&files).with("OFFSET", offset).with("BLOCK", BLOCK as f64))?;
         let sky: &[_] = if maps.count > 0 { &["backdrop_maps", "map"] } else { &["backdrop_constant"] };
         let mean = gpu.kernel(scene.source(&[&["gather_mean", "gather_ray", "camera"], sky].concat()))?;
         let most_rays = batches.iter().map(|b| b.slots.len() * b.samples * b.samples).max().unwrap_or(0) as u64;
         let most_pixels = batches.iter().map(|b| b.slots.len()).max().unwrap_or(0) as u64;
+        buffers.push(("sums", gpu.empty(most_rays * size_of::<Sums>() as u64)?));
+        buffers.push(("view", gpu.uniform(&View::new(volumes.scene, camera))?));
         let k = (stride / volumes.channels).max(1);
         let channel = |at: usize| (((group * GROUP + at) / k).min(volumes.channels - 1)) as u32;
         // A light without a grid, or with one that did not fit.
@@ -335,10 +348,7 @@ impl<'a> Pass<'a> {
             walk,
             mean,
             textures,
-            buffers: vec![
-                ("sums", gpu.empty(most_rays * size_of::<Sums>() as u64)?),
-                ("view", gpu.uniform(&View::new(volumes.scene, camera))?),
-            ],
+            buffers,
             job: gpu.uniform(&Job::default())?,
             busy: gpu.empty(4)?,
             pixels: gpu.empty(most_pixels * 4)?,
@@ -431,6 +441,7 @@ mod tests {
     use crate::physics::Phase;
     use crate::plan::Column;
     use crate::scene::environment::Map;
+    use crate::scene::field::Occupancy;
     use crate::scene::{Albedo, Camera, Light, Medium, Spectrum, Volume};
 
     const N: [usize; 3] = [14, 11, 9];
@@ -567,6 +578,11 @@ mod tests {
         let far = [0.5 + 1e6, 0.5 - 1e6, 0.5 + 5e5];
         let sky = Light::environment(&[0.7]).expect("valid");
         let rgb = vec![0.5, 0.3, 0.8];
+        let on_ray = |camera: &Camera| {
+            let (start, d) = camera.ray(12.0 + 9.5 / 16.0, 11.0 + 3.5 / 16.0);
+            let way = (0..3).map(|a| (place([0.5; 3])[a] - start[a]) * d[a]).sum::<f64>();
+            vec![Light::point(std::array::from_fn(|a| start[a] + way * d[a]), &[100.0]).expect("valid")]
+        };
         let wide = Camera::orthographic(place([2.0, -1.0, 1.5]), place([0.5; 3]), UP, 25.0, [24, 20]).expect("valid");
         vec![
             ("linear", one.clone()),
@@ -591,6 +607,8 @@ mod tests {
                 "light inside, rays",
                 Case { lights: vec![inside, parallel()], column: Column::Rays, phase: hg, ..one.clone() },
             ),
+            ("light on a ray", Case { lights: on_ray(&one.camera), ..one.clone() }),
+            ("light on a ray, orthographic", Case { lights: on_ray(&wide), camera: wide, ..one.clone() }),
             ("orthographic", Case { camera: wide, ..one.clone() }),
             ("from within", Case { camera: perspective([0.3, 0.4, 0.6], 100.0), ..one.clone() }),
             ("from far away", Case { camera: perspective(far, 6e-5), ..one.clone() }),
@@ -672,6 +690,45 @@ mod tests {
         assert!(expected.order1[4] > 0.0 && expected.transmittance[4] < 0.9);
         let worst = differences(&found, &expected);
         assert!(worst.iter().all(|&d| d < 2e-5), "{worst:?}");
+    }
+
+    #[test]
+    fn empty_blocks_are_passed_and_nothing_else() {
+        let gpu = Gpu::open("").expect("an adapter");
+        let n = [40usize, 25, 33];
+        let value = |at: usize| {
+            let (i, j, k) = (at % n[0], at / n[0] % n[1], at / (n[0] * n[1]));
+            if (i / 5 + j / 7 + k / 9) % 5 == 0 { ((at * 7919) % 101) as f32 / 100.0 } else { 0.0 }
+        };
+        let density: Vec<f32> = (0..n.iter().product()).map(value).collect();
+        for linear in [false, true] {
+            let volume = Volume::new(&density, n, [1.0; 3], [0.0; 3], linear).expect("valid");
+            let medium = Medium::new(volume, spectrum(&[0.5]), Albedo::Constant(spectrum(&[0.9])), Phase::Isotropic);
+            let camera =
+                Camera::perspective([90.0, -60.0, 50.0], [20.0, 12.0, 16.0], UP, 35.0, [24, 20]).expect("valid");
+            let scene = Scene::new(medium.expect("valid"), vec![parallel()], camera);
+            let occupancy = Occupancy::new(&scene.medium.volume).expect("much is empty");
+            let lights: Vec<_> =
+                Illumination::new(&scene, None, &scene.lights[0], Column::Rays, None).into_iter().collect();
+            let with = |occupancy| {
+                let volumes = Volumes {
+                    scene: &scene,
+                    occupancy,
+                    lights: lights.clone(),
+                    source: Some(&density),
+                    source0: None,
+                    channels: 1,
+                };
+                let found = image(&gpu, &volumes, &camera, None, 1, true, &|| false).expect("it runs");
+                (found, by_cells(&volumes, &camera, None))
+            };
+            for occupancy in [None, Some(&occupancy)] {
+                let (found, expected) = with(occupancy);
+                let worst = differences(&found, &expected);
+                println!("{worst:?}");
+                assert!(worst.iter().all(|&d| d < 5e-6), "{linear} {}: {worst:?}", occupancy.is_some());
+            }
+        }
     }
 
     #[test]

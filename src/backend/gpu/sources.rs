@@ -16,7 +16,7 @@ shaders! {
     "camera_perspective" "cells_constant" "cells_linear" "cells_nearest" "channels_1" "channels_3" "columns"
     "density_constant" "density_voxels" "edge_ball" "edge_box" "flight" "frame" "gather" "gather_close" "gather_mean"
     "gather_ray" "harmonics" "interpolate" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map" "phase"
-    "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "source0_none" "source0_voxels"
+    "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "skip_blocks" "skip_none" "source0_none" "source0_voxels"
     "source_none" "source_voxels" "tables" "wide"
 }
 
