@@ -6,12 +6,13 @@
 
 pub mod adapter;
 pub mod device;
+pub mod emit;
 pub mod glow;
-pub mod grid;
 pub mod kernel;
 pub mod lights;
 pub mod map;
 pub mod scene;
+pub mod shoot;
 mod sources;
 
 pub use device::Gpu;
