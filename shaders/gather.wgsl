@@ -42,10 +42,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if at >= job.rays || (job.begin == 0u && sums[at].over == 1u) {
         return;
     }
-    let count = rays_per_pixel();
-    let share = 1.0 / f32(job.samples);
-    let seen = view_ray(view_place(pixels[at / count], share_of(at % count) + 0.5 * share));
-    let least_off = 0.1 * pixel_width(seen.start + 0.5 * seen.length) * share;
+    let seen = ray_of(at);
+    let least_off = 0.1 * pixel_width(seen.start + 0.5 * seen.length) / f32(job.samples);
     let ray = Ray(seen.p, seen.v, seen.direction, least_off);
     let end = min(seen.length, leave(ray.p, ray.v).t);
     var walk = walk_cells(ray.p, ray.v);

@@ -52,3 +52,9 @@ fn rays_per_pixel() -> u32 {
 fn share_of(ray: u32) -> vec2<f32> {
     return vec2(f32(ray % job.samples), f32(ray / job.samples)) / f32(job.samples);
 }
+
+// The ray through the middle of its share.
+fn ray_of(ray: u32) -> ViewRay {
+    let count = rays_per_pixel();
+    return view_ray(view_place(pixels[ray / count], share_of(ray % count) + 0.5 / f32(job.samples)));
+}

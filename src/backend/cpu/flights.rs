@@ -90,6 +90,18 @@ impl<'a> Course<'a> {
     }
 }
 
+impl Course<'_> {
+    /// 1 / majorant, where there is one [length].
+    pub fn free_path(&self) -> f32 {
+        self.free_path
+    }
+
+    /// Voxels per cell and axis, cells along x, y, z, and majorants, where there are several.
+    pub fn majorants(&self) -> Option<(f32, [i32; 3], &[f32])> {
+        self.cells.as_ref().map(|cells| (cells.block, cells.n, &cells.majorant[..]))
+    }
+}
+
 /// A grid of majorants.
 pub struct Cells {
     /// Voxels per cell and axis.

@@ -5,6 +5,7 @@
 //! source volume are gathered at a time.
 
 use super::device::Gpu;
+use super::glow::Glow;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
 use super::map::Maps;
@@ -143,6 +144,8 @@ struct Pixel {
     spare_too: f32,
     background: [f32; 3],
     spare_again: f32,
+    emitted: [f32; 3],
+    spare_at_last: f32,
     source: [f32; 4],
 }
 
@@ -166,6 +169,11 @@ impl Cut {
 const ITERATIONS: usize = 60_000;
 /// Iterations of a step without long light rays: those next to a point light are eight, and short.
 const SHORT: usize = 512;
+/// Iterations in a cell that emits, and what one costs in cells.
+const GLOW_ITERATIONS: usize = 500;
+const GLOW_COST: usize = 8;
+/// Bytes of `Glow` of `shaders/glow.wgsl`.
+const GLOW: u64 = 48;
 /// Values of the source volume that are gathered at a time.
 const GROUP: usize = 4;
 
@@ -179,22 +187,10 @@ pub fn image(
     whole: bool,
     stop: &(impl Fn() -> bool + Sync),
 ) -> Result<Image> {
-    let mut image = gather(gpu, volumes, camera, pixels, (stride, whole), Cut::new(gpu), stop)?;
-    if whole && volumes.scene.medium.emission.is_some() {
-        let only = Volumes {
-            lights: Vec::new(),
-            source: None,
-            source0: None,
-            scene: volumes.scene,
-            occupancy: volumes.occupancy,
-            channels: volumes.channels,
-        };
-        image.emitted = cpu::image(&only, camera, pixels, volumes.channels, true, stop).emitted;
-    }
-    if stop() { Err(Error::Interrupted) } else { Ok(image) }
+    gather(gpu, volumes, camera, pixels, (stride, whole), Cut::new(gpu), stop)
 }
 
-/// All layers but what the medium emits.
+/// The same, with work cut as asked.
 fn gather(
     gpu: &Gpu,
     volumes: &Volumes,
@@ -229,6 +225,7 @@ fn gather(
                     let values = slot * channels..(slot + 1) * channels;
                     image.order1[values.clone()].copy_from_slice(&mean.order1[..channels]);
                     image.transmittance[values.clone()].copy_from_slice(&mean.transmittance[..channels]);
+                    image.emitted[values.clone()].copy_from_slice(&mean.emitted[..channels]);
                     image.background[values].copy_from_slice(&mean.background[..channels]);
                 }
             }
@@ -265,6 +262,7 @@ struct Pass<'a> {
     camera: &'a Camera,
     lights: Lights,
     maps: Maps,
+    glow: Option<(Glow, Arc<Kernel>)>,
     walk: Arc<Kernel>,
     mean: Arc<Kernel>,
     textures: Vec<(&'static str, Texture)>,
@@ -328,12 +326,31 @@ impl<'a> Pass<'a> {
         });
         let offset = if volume.linear() { 0.5 } else { 0.0 };
         let walk = gpu.kernel(scene.source(&files).with("OFFSET", offset).with("BLOCK", BLOCK as f64))?;
-        let sky: &[_] = if maps.count > 0 { &["backdrop_maps", "map"] } else { &["backdrop_constant"] };
-        let mean = gpu.kernel(scene.source(&[&["gather_mean", "gather_ray", "camera"], sky].concat()))?;
+        let glow = if first && whole { Glow::new(gpu, &volumes.scene.medium)? } else { None };
+        let mut mean = vec!["gather_mean", "gather_ray", "camera"];
+        let glow = match glow {
+            Some(glow) => {
+                let files = ["gather_glow", "gather_ray", "camera", "emitted_rays"];
+                let kernel = gpu.kernel(glow.set(scene.source(&[&files[..], &glow.files()].concat())))?;
+                mean.push("emitted_rays");
+                mean.extend(glow.files());
+                Some((glow, kernel))
+            }
+            None => {
+                mean.push("emitted_none");
+                None
+            }
+        };
+        mean.extend(if maps.count > 0 { ["backdrop_maps", "map"].as_slice() } else { &["backdrop_constant"] });
+        let mean = scene.source(&mean);
+        let mean = gpu.kernel(glow.iter().fold(mean, |mean, (glow, _)| glow.set(mean)))?;
         let most_rays = batches.iter().map(|b| b.slots.len() * b.samples * b.samples).max().unwrap_or(0) as u64;
         let most_pixels = batches.iter().map(|b| b.slots.len()).max().unwrap_or(0) as u64;
         buffers.push(("sums", gpu.empty(most_rays * size_of::<Sums>() as u64)?));
         buffers.push(("view", gpu.uniform(&View::new(volumes.scene, camera))?));
+        if glow.is_some() {
+            buffers.push(("glows", gpu.empty(most_rays * GLOW)?));
+        }
         let k = (stride / volumes.channels).max(1);
         let channel = |at: usize| (((group * GROUP + at) / k).min(volumes.channels - 1)) as u32;
         // A light without a grid, or with one that did not fit.
@@ -345,6 +362,7 @@ impl<'a> Pass<'a> {
             camera,
             lights,
             maps,
+            glow,
             walk,
             mean,
             textures,
@@ -372,6 +390,7 @@ impl<'a> Pass<'a> {
         let mut bindings = self.scene.bindings();
         bindings.extend(self.lights.bindings());
         bindings.extend(self.maps.bindings());
+        bindings.extend(self.glow.iter().flat_map(|(glow, _)| glow.bindings()));
         bindings.extend(self.textures.iter().map(|(name, texture)| (*name, Binding::Texture(&texture.view))));
         bindings.extend(self.buffers.iter().map(|(name, buffer)| (*name, Binding::Buffer(buffer))));
         bindings.extend(
@@ -396,20 +415,36 @@ impl<'a> Pass<'a> {
             sky: self.backdrop.as_ref().map_or([0.0; 3], |backdrop| backdrop.constant),
             spare: 0,
         };
+        self.finish(gpu, &self.walk, &bindings, job, stop)?;
+        if let Some((_, kernel)) = &self.glow {
+            job.steps = (cut.cells / (rays * GLOW_COST)).clamp(1, ITERATIONS / GLOW_ITERATIONS) as u32;
+            self.finish(gpu, kernel, &bindings, job, stop)?;
+        }
+        gpu.run(&self.mean, &bindings, numbers.len() as u64)?;
+        gpu.read(&self.means, numbers.len())
+    }
+
+    /// Runs a kernel until all of its rays have ended.
+    fn finish(
+        &self,
+        gpu: &Gpu,
+        kernel: &Kernel,
+        bindings: &[(&str, Binding)],
+        mut job: Job,
+        stop: &(impl Fn() -> bool + Sync),
+    ) -> Result<()> {
         loop {
             if stop() {
                 return Err(Error::Interrupted);
             }
             gpu.write(&self.job, 0, &[job]);
             gpu.write(&self.busy, 0, &[0u32]);
-            gpu.run(&self.walk, &bindings, rays as u64)?;
+            gpu.run(kernel, bindings, u64::from(job.rays))?;
             if gpu.read::<u32>(&self.busy, 1)? == [0] {
-                break;
+                return Ok(());
             }
             job.begin = 0;
         }
-        gpu.run(&self.mean, &bindings, numbers.len() as u64)?;
-        gpu.read(&self.means, numbers.len())
     }
 }
 
@@ -442,7 +477,7 @@ mod tests {
     use crate::plan::Column;
     use crate::scene::environment::Map;
     use crate::scene::field::Occupancy;
-    use crate::scene::{Albedo, Camera, Light, Medium, Spectrum, Volume};
+    use crate::scene::{Albedo, Camera, Emission, Light, Medium, Spectrum, Volume};
 
     const N: [usize; 3] = [14, 11, 9];
     const H: [f64; 3] = [1.0, 1.2, 0.8];
@@ -460,6 +495,7 @@ mod tests {
         lights: Vec<Light>,
         column: Column,
         source0: bool,
+        emission: usize,
         stride: usize,
         camera: Camera,
         pixels: Option<Vec<usize>>,
@@ -493,6 +529,7 @@ mod tests {
                 lights: vec![point([1.8, -0.7, 1.6])],
                 column: Column::Grid,
                 source0: false,
+                emission: 0,
                 stride: 1,
                 camera: perspective([2.5, -1.5, 1.4], 30.0),
                 pixels: None,
@@ -531,6 +568,14 @@ mod tests {
             let constant = Albedo::Constant(spectrum(&[0.9, 0.8, 0.7][..channels]));
             let albedo = if self.per_voxel { Albedo::PerVoxel(&albedo) } else { constant };
             let medium = Medium::new(volume, spectrum(&self.extinction), albedo, self.phase.clone()).expect("valid");
+            let glow: Vec<f32> = [0.3, 0.2, 0.4][..self.emission]
+                .iter()
+                .flat_map(|scale| {
+                    field(|p| (scale * (1.0 + (0.7 * p[0] - scale * p[1] + 0.5 * p[2]).sin()) - 0.2).max(0.0))
+                })
+                .collect();
+            let emission = (self.emission > 0).then(|| Emission::new(&glow, self.emission, &volume).expect("valid"));
+            let medium = medium.emitting(emission);
             let scene = Scene::new(medium, self.lights.clone(), self.camera);
             let view = |light, nodes| Illumination::new(&scene, None, light, self.column, nodes);
             let grids: Vec<Option<Vec<f32>>> = self
@@ -599,8 +644,14 @@ mod tests {
             ("albedo per voxel, nearest", Case { per_voxel: true, linear: false, ..one.clone() }),
             ("source0", Case { source0: true, ..one.clone() }),
             ("rgb", Case { extinction: rgb.clone(), stride: 3, source0: true, phase: hg.clone(), ..one.clone() }),
-            ("rgb, per voxel", Case { extinction: rgb, stride: 3, per_voxel: true, linear: false, ..one.clone() }),
+            (
+                "rgb, per voxel",
+                Case { extinction: rgb.clone(), stride: 3, per_voxel: true, linear: false, ..one.clone() },
+            ),
             ("lights", Case { lights: vec![parallel(), point([1.8, -0.7, 1.6]), parallel(), sky], ..one.clone() }),
+            ("emission", Case { emission: 1, extinction: vec![3.0], ..one.clone() }),
+            ("emission, nearest", Case { emission: 1, linear: false, ..one.clone() }),
+            ("emission, rgb", Case { emission: 3, extinction: rgb.clone(), stride: 3, ..one.clone() }),
             ("no light", Case { lights: Vec::new(), ..one.clone() }),
             ("light inside", Case { lights: vec![inside.clone()], ..one.clone() }),
             (

@@ -7,12 +7,14 @@
 pub mod adapter;
 pub mod angular;
 pub mod device;
+pub mod emit;
 pub mod gather;
-pub mod grid;
+pub mod glow;
 pub mod kernel;
 pub mod lights;
 pub mod map;
 pub mod scene;
+pub mod shoot;
 mod sources;
 
 pub use device::Gpu;

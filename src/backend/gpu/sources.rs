@@ -12,16 +12,21 @@ macro_rules! shaders {
 }
 
 shaders! {
-    ALL: "albedo_constant" "albedo_voxels" "angular" "backdrop_constant" "backdrop_maps" "camera" "camera_orthographic"
-    "camera_perspective" "cells_constant" "cells_linear" "cells_nearest" "channels_1" "channels_3" "columns"
-    "density_constant" "density_voxels" "edge_ball" "edge_box" "flight" "frame" "gather" "gather_close" "gather_mean"
-    "gather_ray" "harmonics" "interpolate" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map" "phase"
-    "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "skip_blocks" "skip_none" "source0_none" "source0_voxels"
-    "source_none" "source_voxels" "tables" "wide"
+    ALL:
+    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular" "angular_eye" "angular_harmonics"
+    "angular_nothing" "backdrop_constant" "backdrop_maps" "camera" "camera_orthographic" "camera_perspective"
+    "cells_constant" "cells_linear" "cells_nearest" "channels_1" "channels_3" "counters" "density_constant"
+    "density_voxels" "deposit" "edge_ball" "edge_box" "emission_1" "emission_3" "emitted_none" "emitted_rays"
+    "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame" "gather" "gather_close"
+    "gather_glow" "gather_mean" "gather_ray" "glow" "glow_linear" "glow_nearest" "harmonics" "interpolate" "light"
+    "line" "lookup" "lookup_linear" "lookup_nearest" "map" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh"
+    "phase_tabulated" "photons" "real" "rng" "shoot" "skip_blocks" "skip_none" "source0_none" "source0_voxels"
+    "source_none" "source_voxels" "start" "start_directional" "start_environment" "start_first" "start_medium"
+    "start_pencil" "start_point" "table" "tables" "tally" "turn_isotropic" "turn_phase" "wide"
 }
 
 #[cfg(test)]
-shaders! { TESTS: "tests/map" }
+shaders! { TESTS: "tests/glow" "tests/map" }
 #[cfg(not(test))]
 shaders! { TESTS: }
 

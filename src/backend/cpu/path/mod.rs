@@ -10,10 +10,11 @@ mod primary;
 mod walk;
 
 use super::gather::{Volumes, image};
+use super::pixel_error;
 use super::shoot::Medium;
 use super::track::{self, Analytic, March, Woodcock};
-use super::{illuminations, light_grids, pixel_error};
 use crate::backend::Control;
+use crate::backend::run::{illuminations, light_grids};
 use crate::error::{Error, Result};
 use crate::plan::{Plan, Tracker};
 use crate::result::{Outcome, Pixels, Stopped};
