@@ -13,8 +13,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var glow = glow_start(seen.p, seen.v);
     if job.begin == 0u {
         glow = glows[at];
-    } else if seen.length <= 0.0 {
-        glow.over = 1u;
     }
     glow_from(seen.p, seen.v, seen.length, &glow, job.steps);
     glows[at] = glow;
