@@ -1,5 +1,5 @@
-// What the medium emits towards the eye along a view ray. One ray for each invocation; a dispatch follows it through some
-// cells.
+// What the medium emits towards the eye along a view ray. One ray for each invocation; a dispatch follows it through
+// some cells.
 
 @group(0) @binding(21) var<storage, read_write> busy: atomic<u32>;
 

@@ -1,8 +1,8 @@
 //! The gather on the GPU: [`cpu::gather`](crate::backend::cpu::gather) cell by cell.
 //!
-//! How many rays a pixel takes is found on the CPU, in double precision. Pixels with equally many make batches; a batch's rays
-//! are walked by dispatches of bounded work, from one of which to the next their sums lie in a buffer. Four values of the
-//! source volume are gathered at a time.
+//! How many rays a pixel takes is found on the CPU, in double precision. Pixels with equally many make batches; a
+//! batch's rays are walked by dispatches of bounded work, from one of which to the next their sums lie in a buffer.
+//! Four values of the source volume are gathered at a time.
 
 use super::device::Gpu;
 use super::glow::Glow;
