@@ -5,6 +5,7 @@ pub mod cpu;
 pub mod gpu;
 pub mod run;
 pub mod shot;
+pub mod single;
 
 use crate::error::{Result, scene_error};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};

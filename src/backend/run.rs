@@ -58,11 +58,11 @@ fn run_here(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> 
             Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
         };
         let power = emitters.iter().map(|e| e.power).sum();
-        batches(plan, &mut *shooter, power, &views, occupancy, control, &mut shot)?;
+        batches(plan, &mut *shooter, power, &views, occupancy, device, control, &mut shot)?;
     }
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
-    let mut outcome = settle::settle(plan, &views, shot, control)?;
+    let mut outcome = settle::settle(plan, &views, shot, device, control)?;
     drop(views);
     outcome.columns = plan
         .lights
@@ -104,12 +104,14 @@ pub fn illuminations<'a>(
 }
 
 /// Walks batch after batch until the plan, the target, the clock or the user says stop.
+#[expect(clippy::too_many_arguments, reason = "each is a part of a run")]
 fn batches(
     plan: &Plan,
     shooter: &mut dyn Shooter,
     power: f64,
     views: &[Option<Illumination>],
     occupancy: Option<&Occupancy>,
+    device: &Device,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()> {
@@ -139,7 +141,7 @@ fn batches(
             }
         }
         let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
-        let (noise, bias) = settle::relative_error(plan, views, shot, occupancy, control);
+        let (noise, bias) = settle::relative_error(plan, views, shot, occupancy, device, control);
         if noise.hypot(bias) <= target {
             shot.stopped = Stopped::TargetError;
             return Ok(());

@@ -13,6 +13,7 @@ pub mod lights;
 pub mod map;
 pub mod scene;
 pub mod shoot;
+pub mod single;
 mod sources;
 
 pub use device::Gpu;

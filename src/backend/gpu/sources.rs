@@ -16,8 +16,8 @@ shaders! {
     "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular_eye" "angular_harmonics" "angular_nothing"
     "channels_1" "channels_3" "counters" "density_constant" "density_voxels" "deposit" "edge_ball" "edge_box"
     "emission_1" "emission_3" "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame"
-    "glow" "glow_linear" "glow_nearest" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map"
-    "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "real" "rng" "shoot"
+    "glow" "glow_linear" "glow_nearest" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "map" "near"
+    "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "real" "rng" "shoot" "single"
     "start" "start_directional" "start_environment" "start_first" "start_medium" "start_pencil"
     "start_point" "table" "tables" "tally" "turn_isotropic" "turn_phase" "wide"
 }
