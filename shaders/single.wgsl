@@ -65,9 +65,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let all = here.points * here.points * here.points;
     let end = min(here.at + job.most, all);
     while here.at < end {
-        let x = node(here.points, here.at % here.points);
-        let y = node(here.points, here.at / here.points % here.points);
-        let z = node(here.points, here.at / (here.points * here.points));
+        let x = gauss_node(here.points, here.at % here.points);
+        let y = gauss_node(here.points, here.at / here.points % here.points);
+        let z = gauss_node(here.points, here.at / (here.points * here.points));
         let p = vec3<f32>(cell) + vec3(x.x, y.x, z.x);
         let incident = incident(light, p);
         let weight = x.y * y.y * z.y * incident.falloff;
@@ -113,7 +113,7 @@ fn points_for(depth: f32) -> u32 {
 }
 
 // The node and the weight of a point along an axis: of more than 4 points each 4 have a piece of the voxel.
-fn node(points: u32, at: u32) -> vec2<f32> {
+fn gauss_node(points: u32, at: u32) -> vec2<f32> {
     let rule = min(points, 4u);
     let pieces = f32((points + 3u) / 4u);
     let gauss = GAUSS[rule * (rule - 1u) / 2u + at % rule];

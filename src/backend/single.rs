@@ -6,7 +6,7 @@ use super::cpu::shoot::LocalEye;
 use super::gpu;
 use super::shot::pad;
 use super::{Control, Device};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::plan::{Direct, Emission, Plan};
 use crate::scene::field::V3;
 use crate::scene::{Albedo, Scene};
@@ -39,6 +39,15 @@ pub struct Lit<'v, 'a> {
 
 /// The unscattered light of all lights that are found by quadrature.
 pub fn single(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
+    match single_on(plan, views, device, control) {
+        // With a device nothing is lost that the CPU could not find too.
+        Err(Error::DeviceLost(_)) => single_on(plan, views, &Device::Cpu, control),
+        found => found,
+    }
+}
+
+/// The same on a device that does not get lost.
+fn single_on(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
     let values = plan.scene.medium.volume.voxels() * plan.channels;
     let mut sum = Single {
         fluence: vec![0.0; if plan.settings.fluence { values } else { 0 }],

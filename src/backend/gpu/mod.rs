@@ -15,5 +15,6 @@ pub mod scene;
 pub mod shoot;
 pub mod single;
 mod sources;
+pub mod tally;
 
 pub use device::Gpu;

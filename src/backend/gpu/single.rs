@@ -257,6 +257,7 @@ fn near(
 
 #[cfg(test)]
 mod tests {
+    use super::super::adapter;
     use super::*;
     use crate::backend::Device;
     use crate::backend::run::{illuminations, light_grids, run};
@@ -399,7 +400,7 @@ mod tests {
                 with(&case, |plan, _| {
                     let plan = Plan::new(plan.scene, &settings).expect("valid");
                     assert!(!plan.shoots());
-                    run(&plan, &device, &Control::new(None)).expect("it runs").energy
+                    run(&plan, &device, &Control::new(None), None).expect("it runs").0.energy
                 })
             });
             let [truth, found] = energies;
@@ -450,21 +451,34 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_stopped_run_ends() {
-        let gpu = Gpu::open("").expect("an adapter");
-        let lights = lights().remove(3);
-        let case = Case {
+    /// A plain case.
+    fn plain() -> Case {
+        Case {
             density: Density::Voxels,
             extinction: &[1.0],
             per_voxel: false,
             rule: (4, true),
             column: Column::Rays,
-            lights,
-        };
+            lights: lights().remove(3),
+        }
+    }
+
+    #[test]
+    fn what_a_lost_device_leaves_the_cpu_finds() {
+        let gpu = Gpu::new(&adapter::choose("").expect("an adapter")).expect("it opens");
+        gpu.lose();
+        let device = Device::Gpu(Arc::new(gpu));
+        let on =
+            |device| with(&plain(), |plan, views| single(plan, views, device, &Control::new(None)).expect("it runs"));
+        assert!(on(&device).fluence == on(&Device::Cpu).fluence);
+    }
+
+    #[test]
+    fn a_stopped_run_ends() {
+        let gpu = Gpu::open("").expect("an adapter");
         let control = Control::new(None);
         control.stop();
-        let found = with(&case, |plan, views| single(plan, views, &Device::Gpu(gpu), &control).map(|_| ()));
+        let found = with(&plain(), |plan, views| single(plan, views, &Device::Gpu(gpu), &control).map(|_| ()));
         assert!(matches!(found, Err(Error::Interrupted)));
     }
 }
