@@ -11,10 +11,12 @@ pub mod glow;
 pub mod kernel;
 pub mod lights;
 pub mod map;
+pub mod probe;
 pub mod scene;
 pub mod shoot;
 pub mod single;
-mod sources;
+pub mod sources;
 pub mod tally;
 
 pub use device::Gpu;
+pub use sources::kernels;

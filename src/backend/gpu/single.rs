@@ -107,8 +107,8 @@ impl<'a> Quadratures<'a> {
             .iter()
             .map(|lit| {
                 let on_gpu = Lights::new(gpu, std::iter::once((lit.view, 1.0)))?;
-                // Light grids that do not fit into a buffer are not there: then rays find every depth.
-                let has_grid = lit.view.grid().is_some_and(|grid| (grid.len() * 4) as u64 <= gpu.binding());
+                // Light grids that do not fit are not there: then rays find every depth.
+                let has_grid = lit.view.grid().is_some() && lit.view.layers()[2] <= gpu.description.extent as usize;
                 let walks = !volume.is_constant() && (lit.rays || !has_grid);
                 let near = near(gpu, &scene, &on_gpu, lit.view, n, channels, control)?;
                 let cells = if walks { across } else { 4 };

@@ -85,7 +85,7 @@ fn cases() -> Vec<(&'static str, Case)> {
     let table = Phase::tabulated(&[-1.0, 0.0, 0.8, 1.0], &[1.0, 0.2, 1.0, 6.0]).expect("valid");
     let texels: Vec<f32> = (0..96).map(|i| if i % 7 == 3 { 40.0 } else { (i % 5) as f32 }).collect();
     let map = |channels| Map::new(texels.clone(), 96 / channels / 4, 4, channels).expect("valid");
-    let light = |light: crate::Result<Light>| Some(light.expect("valid"));
+    let light = |light: Result<Light>| Some(light.expect("valid"));
     let ones = || vec![1.0; VOXELS];
     vec![
         ("linear", one()),
