@@ -17,29 +17,40 @@ use std::sync::Arc;
 /// `Job` of `shaders/single.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-struct Job {
-    first: u32,
-    count: u32,
-    points: u32,
-    rays: u32,
-    most: u32,
-    begins: u32,
-    reach: f32,
-    side: f32,
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Job {
+    pub first: u32,
+    pub count: u32,
+    pub points: u32,
+    pub rays: u32,
+    pub most: u32,
+    pub begins: u32,
+    pub reach: f32,
+    pub side: f32,
+}
+
+/// `Progress` of `shaders/single.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Progress {
+    pub at: u32,
+    pub points: u32,
+    pub shift: f32,
+    pub spare: u32,
 }
 
 /// `Job` of `shaders/near.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-struct NearJob {
-    low: [i32; 3],
-    count: u32,
-    size: [u32; 3],
-    spare: u32,
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct NearJob {
+    pub low: [i32; 3],
+    pub count: u32,
+    pub size: [u32; 3],
+    pub spare: u32,
 }
 
-/// Bytes of `Progress` of `shaders/single.wgsl`.
-const PROGRESS: u64 = 16;
 /// Voxels of a dispatch at most.
 const VOXELS: usize = 1 << 16;
 /// Cells that the rays of a dispatch cross, and those of one invocation.
@@ -121,7 +132,7 @@ impl<'a> Quadratures<'a> {
             gpu,
             kernel,
             lights,
-            progress: gpu.empty(most as u64 * PROGRESS)?,
+            progress: gpu.empty((most * size_of::<Progress>()) as u64)?,
             unfinished: gpu.empty(4)?,
             means: gpu.empty((most * 2 * channels * 4) as u64)?,
             job: gpu.uniform(&Job::default())?,

@@ -126,6 +126,8 @@ const ENDS: &str = "end_fate | end_nothing";
 
 /// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
 pub const KERNELS: &[&[&str]] = &[
+    &["single light"],
+    &["near light"],
     &[
         "shoot flights flight_state roulette photons counters tally deposit harmonics start",
         "flights_cells | flights_one",
