@@ -5,7 +5,7 @@ use mcrt::backend::gpu::kernel::{Source, parse};
 use mcrt::backend::gpu::probe::Inputs;
 use mcrt::backend::gpu::scene::Constants;
 use mcrt::backend::gpu::sources::{ALL, COMMON, KERNELS, KINDS, read};
-use mcrt::backend::gpu::{emit, kernels, lights, map, shoot};
+use mcrt::backend::gpu::{emit, kernels, lights, map, shoot, single};
 use std::collections::HashSet;
 use std::fs;
 use std::mem::offset_of;
@@ -127,6 +127,9 @@ fn layouts() -> Vec<Layout> {
         layout!("photons", "Photon", shoot::Photon,
             p order d state weight number absorbed block word at depth xi free_path hero spare),
         layout!("map", "Map", map::Entry, width height channels values sums spare),
+        layout!("single", "Job", single::Job, first count points rays most begins reach side),
+        layout!("single", "Progress", single::Progress, at points shift spare),
+        layout!("near", "Job", single::NearJob, low count size spare),
         layout!("probe", "Inputs", Inputs, a b w),
     ]
 }
@@ -137,7 +140,7 @@ fn structs_lie_in_memory_as_in_rust() {
     let call = "\nfn call(a: vec4<f32>, b: vec4<f32>, w: vec4<u32>) -> vec4<f32> {\n    return a;\n}\n";
     for (file, name, rust, size) in layouts() {
         let kinds = KINDS.iter().filter_map(|row| row.split(' ').next());
-        let others = ["flight_state"].into_iter().chain(kinds).chain(COMMON.iter().copied());
+        let others = ["flight_state", "light"].into_iter().chain(kinds).chain(COMMON.iter().copied());
         let source = Source::new([file].into_iter().chain(others));
         let text = source.around(read(file).expect("it is there") + call).expect("its files are there");
         let (module, _) = parse(&source.rewritten(file, text)).expect("it is valid");

@@ -5,6 +5,7 @@ pub mod cpu;
 pub mod gpu;
 pub mod run;
 pub mod shot;
+pub mod single;
 
 use crate::error::{Result, scene_error};
 use crate::plan::{Adapter, Settings};

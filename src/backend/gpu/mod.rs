@@ -16,6 +16,7 @@ pub mod map;
 pub mod probe;
 pub mod scene;
 pub mod shoot;
+pub mod single;
 pub mod sources;
 pub mod tally;
 

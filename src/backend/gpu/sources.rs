@@ -71,6 +71,7 @@ shaders! {
     "march_linear"
     "march_nearest"
     "march_voxels"
+    "near"
     "phase"
     "phase_hg"
     "phase_isotropic"
@@ -85,6 +86,7 @@ shaders! {
     "score_nothing"
     "shoot"
     "shoot_one"
+    "single"
     "skip_blocks"
     "skip_none"
     "source0_none"
@@ -147,6 +149,8 @@ const ENDS: &str = "end_fate | end_nothing";
 
 /// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
 pub const KERNELS: &[&[&str]] = &[
+    &["single light"],
+    &["near light"],
     &[
         "shoot flights flight_state roulette photons counters tally deposit harmonics start",
         "flights_cells | flights_one",
