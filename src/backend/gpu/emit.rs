@@ -39,7 +39,7 @@ pub struct Start {
     /// What does not change from batch to batch.
     constants: Constants,
     uniform: wgpu::Buffer,
-    table: Option<[wgpu::Buffer; 2]>,
+    table: Option<(wgpu::Buffer, wgpu::TextureView)>,
     lights: Option<Lights>,
     maps: Option<Maps>,
     glow: Option<Glow>,
@@ -94,7 +94,8 @@ impl Start {
         let mut constants = Constants { flag: 1, ..Constants::default() };
         let mut files = vec!["start"];
         let (mut table, mut lights, mut maps, mut glow) = (None, None, None, None);
-        let (mut scale, mut iterations, mut rows, mut columns) = (1.0, 0, n[1] * n[2], n[0]);
+        let (mut scale, mut iterations) = (1.0, 0);
+        let (mut rows, mut columns, mut height) = (n[1] * n[2], n[0], n[1]);
         let mut faces = |areas: &[f64; 3]| {
             let total = areas.iter().sum::<f64>();
             constants.below_x = split(part(areas[0] / total));
@@ -145,18 +146,21 @@ impl Start {
             }
             Kind::Map { shower, faces: areas } => {
                 files.extend(["start_map", "table", "map"]);
-                let (bounds, [width, height]) = (shower.bounds(), shower.map().size());
+                let (bounds, [width, lines]) = (shower.bounds(), shower.map().size());
                 table = Some(tables(bounds.rows(), width, |at| bounds.mass(at / width, at % width)));
                 maps = Some(Maps::new(gpu, std::iter::once(shower.map()))?);
                 constants.faces = single(*areas);
                 constants.distance = bounds.total() as f32;
-                (rows, columns) = (height, width);
+                (rows, columns, height) = (lines, width, lines);
                 iterations = 32 * 64;
             }
         }
-        (constants.rows, constants.width, constants.height) = (rows as u32, columns as u32, n[1] as u32);
+        (constants.rows, constants.width, constants.height) = (rows as u32, columns as u32, height as u32);
         let table = match table {
-            Some((rows, cells)) => Some([gpu.buffer(&rows)?, gpu.buffer(&cells)?]),
+            Some((ends, cells)) => {
+                let n = [columns, height, rows / height];
+                Some((gpu.buffer(&ends)?, gpu.texture(n, wgpu::TextureFormat::R32Uint, bytemuck::cast_slice(&cells))?))
+            }
             None => None,
         };
         let uniform = gpu.uniform(&constants)?;
@@ -202,8 +206,8 @@ impl Start {
     /// For kernels.
     pub fn bindings(&self) -> Vec<(&'static str, Binding<'_>)> {
         let mut list = vec![("emitter", Binding::Buffer(&self.uniform))];
-        if let Some([rows, cells]) = &self.table {
-            list.extend([("row_ends", Binding::Buffer(rows)), ("cell_ends", Binding::Buffer(cells))]);
+        if let Some((rows, cells)) = &self.table {
+            list.extend([("row_ends", Binding::Buffer(rows)), ("cell_ends", Binding::Texture(cells))]);
         }
         list.extend(self.lights.iter().flat_map(Lights::bindings));
         list.extend(self.maps.iter().flat_map(Maps::bindings));

@@ -15,6 +15,7 @@ pub mod probe;
 pub mod scene;
 pub mod shoot;
 pub mod sources;
+pub mod tally;
 
 pub use device::Gpu;
 pub use sources::kernels;

@@ -81,6 +81,8 @@ shaders! {
     "table"
     "tables"
     "tally"
+    "tally_parts"
+    "tally_whole"
     "tracker_analytic"
     "tracker_march"
     "tracker_woodcock"
@@ -115,6 +117,8 @@ const STARTS: &str = "start_point | start_pencil | start_directional | start_env
                       start_medium table emission_1 | start_medium table emission_3 | start_map table map";
 /// What is chosen by what they are to leave in the voxels.
 const ANGULAR: &str = "angular_eye | angular_harmonics | angular_nothing";
+/// Whether tallies fit into one buffer.
+const TALLIES: &str = "tally_whole | tally_parts";
 /// Whether tests watch photons.
 const ENDS: &str = "end_fate | end_nothing";
 
@@ -128,6 +132,7 @@ pub const KERNELS: &[&[&str]] = &[
         STARTS,
         ANGULAR,
         ENDS,
+        TALLIES,
     ],
     &[
         "shoot_one way flight_state roulette photons counters tally deposit harmonics start",
@@ -138,6 +143,7 @@ pub const KERNELS: &[&[&str]] = &[
         STARTS,
         ANGULAR,
         ENDS,
+        TALLIES,
     ],
 ];
 
