@@ -302,22 +302,21 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
             about(f64::from((i.b[3] - i.a[3]) * (1.0 + top / there.max(1e-30))), [t])
         }));
     }
-    let (albedo, values): (_, Box<dyn Fn(&Inputs, bool) -> [f32; 3]>) = match medium.albedo {
-        Albedo::Constant(a) => ("albedo_constant", Box::new(move |_, _| a.rgb.map(|c| c as f32))),
-        Albedo::PerVoxel(values) => {
-            let field = Field::new(values, volume);
-            let at = move |i: &Inputs, read| if read { field.one_read(i.p(), i.w[0]) } else { field.at(i.p()) };
-            ("albedo_voxels", Box::new(move |i, read| [at(i, read); 3]))
-        }
+    let albedo = match medium.albedo {
+        Albedo::Constant(_) => "albedo_constant",
+        Albedo::PerVoxel(_) => "albedo_voxels",
     };
-    let values = std::rc::Rc::new(values);
-    for (function, body, read) in [
-        ("albedo_at", "return vec4(rgb(albedo_at(a.xyz)), 0.0);", false),
-        ("albedo_read", "return vec4(rgb(albedo_read(a.xyz, w.x)), 0.0);", true),
-    ] {
-        let values = values.clone();
-        twins.push(Twin::new(albedo, function, body, inputs.clone()).single(8.0, move |i| about(1.0, values(i, read))));
-    }
+    let value = move |i: &Inputs, read: bool| match &medium.albedo {
+        Albedo::Constant(a) => a.rgb.map(|c| c as f32),
+        Albedo::PerVoxel(values) if read => [Field::new(values, volume).one_read(i.p(), i.w[0]); 3],
+        Albedo::PerVoxel(values) => [Field::new(values, volume).at(i.p()); 3],
+    };
+    twins.extend([
+        Twin::new(albedo, "albedo_at", "return vec4(rgb(albedo_at(a.xyz)), 0.0);", inputs.clone())
+            .single(8.0, move |i| about(1.0, value(i, false))),
+        Twin::new(albedo, "albedo_read", "return vec4(rgb(albedo_read(a.xyz, w.x)), 0.0);", inputs)
+            .single(2.0, move |i| about(1.0, value(i, true))),
+    ]);
     twins
 }
 
