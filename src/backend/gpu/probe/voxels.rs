@@ -5,7 +5,7 @@ use super::super::scene::GpuScene;
 use super::{Bench, Inputs, Measured, Twin, about, drawn, formulas, relative, some_words};
 use crate::backend::cpu::light::Illumination;
 use crate::error::Result;
-use crate::physics::flight::mean_transmittance;
+use crate::physics::flight::{ball_range, box_range, mean_transmittance};
 use crate::physics::rng::uniform;
 use crate::physics::{Phase, Real};
 use crate::plan::Column;
@@ -203,6 +203,16 @@ fn lines<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         Twin::new(edge, "leave", "return vec4(leave(a.xyz, b.xyz).t);", inputs)
             .single(if field.is_ball() { 12.0 } else { 4.0 }, move |i| relative([field.leave(i.p(), i.v()).1])),
     );
+    // The way to the point nearest to a ball's centre is as sure as it is long, and the ends less where they are near it.
+    let ball = field.is_ball();
+    let met = "let r = meet(a.xyz, b.xyz);\n    return select(vec4(0.0), vec4(1.0, r, 0.0), r.x < r.y);";
+    twins.push(Twin::new(edge, "meet", met, rays(scene)).double(8.0, move |i| {
+        let (p, v) = (i.p().map(f64::from), i.v().map(f64::from));
+        let range = if ball { ball_range(p, v, 0.5) } else { box_range(p, v, n.map(f64::from)) };
+        let (enter, leave) = range.unwrap_or_default();
+        let size = enter.abs().max(leave.abs()) + if ball { 1.0 / (leave - enter) } else { 0.0 };
+        [(f64::from(u8::from(range.is_some())), 1.0), (enter, size), (leave, size)]
+    }));
     // Points on both sides of the edge, and on the faces.
     let mut points = rays(scene);
     for i in &mut points {
