@@ -9,6 +9,7 @@ use crate::backend::cpu::angular::Towards;
 use crate::backend::cpu::gather::{Volumes, beams};
 use crate::backend::cpu::{self, pixel_error};
 use crate::backend::run;
+use crate::error::Error;
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
@@ -185,7 +186,12 @@ fn gather<'py>(
     {
         convert::same_eye(py, &camera, &stored.eye)?;
     }
-    let (device, _) = device(py, volumes)?;
+    // A result that was loaded is shown where there is no GPU, too.
+    let wish = convert::optional::<String>(volumes, "backend")?.unwrap_or_else(|| "cpu".into());
+    let device = match py.detach(|| Device::open(&wish)) {
+        Err(Error::NoAdapter(_)) => Device::Cpu,
+        device => device.map_err(|e| to_py(py, e))?,
+    };
     let k = if replicates { stored.replicates() } else { 0 };
     let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
     cost::check_image(pixels, (channels * (6 + k)) as u64).map_err(|e| to_py(py, e))?;

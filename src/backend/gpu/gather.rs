@@ -1,8 +1,8 @@
 //! The gather on the GPU: [`cpu::gather`](crate::backend::cpu::gather) cell by cell.
 //!
-//! How many rays a pixel takes is found on the CPU, in double precision. Pixels with equally many make batches; a batch's rays
-//! are walked by dispatches of bounded work, from one of which to the next their sums lie in a buffer. Four values of the
-//! source volume are gathered at a time.
+//! How many rays a pixel takes is found on the CPU, in double precision. Pixels with equally many make batches; a
+//! batch's rays are walked by dispatches of bounded work, from one of which to the next their sums lie in a buffer.
+//! Four values of the source volume are gathered at a time.
 
 use super::device::Gpu;
 use super::glow::Glow;
@@ -665,6 +665,7 @@ mod tests {
             ("light on a ray, orthographic", Case { lights: on_ray(&wide), camera: wide, ..one.clone() }),
             ("orthographic", Case { camera: wide, ..one.clone() }),
             ("from within", Case { camera: perspective([0.3, 0.4, 0.6], 100.0), ..one.clone() }),
+            ("from within, wide", Case { camera: perspective([0.3, 0.4, 0.6], 179.95), ..one.clone() }),
             ("from far away", Case { camera: perspective(far, 6e-5), ..one.clone() }),
             ("pixels", Case { pixels: Some(vec![250, 7, 130, 131, 479]), ..one }),
         ]
