@@ -1,6 +1,7 @@
 //! The Python module `mcrt._mcrt`: dictionaries and arrays in, arrays out. The only place that knows of Python.
 
 mod convert;
+mod machine;
 mod watch;
 
 use crate::backend::Device;
@@ -25,8 +26,10 @@ use pyo3::types::{PyDict, PyList};
 #[pymodule]
 mod _mcrt {
     #[pymodule_export]
+    use super::machine::{info, probe};
+    #[pymodule_export]
     use super::{
-        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, info, lose_device,
+        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, lose_device,
         phase_eval, phase_sample, plan, simulate,
     };
 }
@@ -262,17 +265,6 @@ fn gather<'py>(
     if replicates {
         out.set_item("bias", array(py, bias.unwrap_or(empty), &shape, channels, 1)?)?;
     }
-    Ok(out)
-}
-
-/// Version, lanes in use, threads.
-#[pyfunction]
-fn info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
-    let out = PyDict::new(py);
-    out.set_item("version", env!("CARGO_PKG_VERSION"))?;
-    out.set_item("simd", cpu::simd::best().to_string())?;
-    out.set_item("threads", cost::threads(None))?;
-    out.set_item("gpu", false)?;
     Ok(out)
 }
 

@@ -147,6 +147,10 @@ const TALLIES: &str = "tally_whole | tally_parts";
 /// Whether tests watch photons.
 const ENDS: &str = "end_fate | end_nothing";
 
+/// What the medium emits.
+const EMISSIONS: &str = "emission_1 | emission_3";
+const GLOWS: &str = "glow_linear | glow_nearest";
+
 /// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
 pub const KERNELS: &[&[&str]] = &[
     &["single light"],
@@ -172,15 +176,39 @@ pub const KERNELS: &[&[&str]] = &[
         ENDS,
         TALLIES,
     ],
+    &[
+        "gather gather_ray gather_close camera interpolate light",
+        "camera_perspective | camera_orthographic",
+        "cells_constant | cells_linear | cells_nearest",
+        "source_voxels | source_none",
+        "source0_voxels | source0_none",
+        "skip_blocks | skip_none",
+    ],
+    &["angular harmonics"],
+    &["gather_glow gather_ray camera emitted_rays glow", EMISSIONS, GLOWS],
+    &[
+        "gather_mean gather_ray camera",
+        "emitted_rays glow | emitted_none",
+        EMISSIONS,
+        GLOWS,
+        "backdrop_maps map | backdrop_constant",
+    ],
 ];
 
 /// Files that no scene asks for together.
-const NEVER: [(&str, &str); 5] = [
+const NEVER: &[(&str, &str)] = &[
     ("weights_chromatic", "channels_1"),
     ("emission_3", "channels_1"),
     ("march_constant", "density_voxels"),
     ("march_voxels", "density_constant"),
     ("march_linear", "lookup_nearest"),
+    ("glow_linear", "lookup_nearest"),
+    ("glow_nearest", "lookup_linear"),
+    ("cells_constant", "density_voxels"),
+    ("cells_linear", "density_constant"),
+    ("cells_linear", "lookup_nearest"),
+    ("cells_nearest", "density_constant"),
+    ("cells_nearest", "lookup_linear"),
 ];
 
 /// All kernels, each for so many kinds of scene that any two choices that may meet do meet: what is missing or clashes, does
