@@ -12,7 +12,7 @@ export PATH := $(PATH):$(HOME)/.cargo/bin
 # The comparisons with analytic truth and an independent code.
 TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular environment emission energy calibration voxel_bias path mitsuba interop mitsuba_pairs mitsuba_wrong)
 
-.PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm
+.PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm vulkan
 .DELETE_ON_ERROR:
 
 help:
@@ -29,23 +29,23 @@ demo: $(VENV)/.package $(VENV)/.demo
 
 test: test-rust test-python
 
-test-rust: check-rust check-lint $(BIN)/python
+test-rust: check-rust check-lint $(BIN)/python vulkan
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 	$(WITH_PYTHON) cargo clippy --all-targets --features python -- -D warnings
 	cargo test --release
 
-test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
+test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/python -m mypy python/mcrt
 	$(BIN)/python -m mypy.stubtest mcrt._mcrt
 	$(BIN)/python -m pytest --nbmake tests notebooks/first_steps.ipynb
 
-bench: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
+bench: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/python tests/bench/bench.py $(BENCH)
 
-validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm
+validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/python -m pytest -v $(TRUTHS)
 	$(BIN)/python tests/validate.py
 
@@ -104,3 +104,10 @@ llvm:
 	  || { command -v apt-get >/dev/null && $(SUDO) apt-get update -qq \
 	       && $(SUDO) apt-get install -qq -y --no-install-recommends libllvm19; } \
 	  || echo "Missing: libllvm19. The comparison with Mitsuba runs its slower scalar variant."
+
+# The tests of the GPU backend run on any adapter; Mesa has one that the processor plays.
+vulkan:
+	@ls /usr/share/vulkan/icd.d/lvp_icd.*.json >/dev/null 2>&1 \
+	  || { command -v apt-get >/dev/null && $(SUDO) apt-get update -qq \
+	       && $(SUDO) apt-get install -qq -y --no-install-recommends mesa-vulkan-drivers; } \
+	  || echo "Missing: mesa-vulkan-drivers. Without a GPU the tests of the GPU backend are skipped."

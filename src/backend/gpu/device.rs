@@ -246,3 +246,16 @@ impl Gpu {
         Ok(view[..size as usize].chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
     }
 }
+
+/// The adapter of tests. Where there is none they are skipped, loudly, or fail if `MCRT_REQUIRE_GPU` is set.
+#[cfg(test)]
+pub fn for_tests() -> Option<Arc<Gpu>> {
+    match Gpu::open("") {
+        Ok(gpu) => Some(gpu),
+        Err(error) if std::env::var("MCRT_REQUIRE_GPU").is_ok_and(|value| !value.is_empty()) => panic!("{error}"),
+        Err(error) => {
+            eprintln!("SKIPPED: {error}");
+            None
+        }
+    }
+}

@@ -54,6 +54,7 @@ mod tests {
     use super::super::scene::GpuScene;
     use super::*;
     use crate::backend::cpu::emitted;
+    use crate::backend::gpu::device::for_tests;
     use crate::physics::Phase;
     use crate::physics::rng::{Draws, uniform};
     use crate::scene::{Albedo, Camera, Emission, Scene, Spectrum, Volume};
@@ -161,6 +162,9 @@ mod tests {
 
     #[test]
     fn emitted_light_is_that_of_the_cpu() {
+        if for_tests().is_none() {
+            return;
+        }
         let mut cases = Vec::new();
         for linear in [false, true] {
             for (extinction, planes) in [
