@@ -16,7 +16,7 @@ pub mod simd;
 mod sweep;
 pub mod track;
 
-use crate::backend::Control;
+use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{Column, Layer, Plan, Tracker, cost};
 use crate::result::{Outcome, Stopped};
@@ -42,7 +42,7 @@ pub fn with_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> T + 
 /// Runs a plan.
 pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
     with_threads(plan.settings.threads, || {
-        if plan.paths.is_some() { path::run(plan, control) } else { run_here(plan, control) }
+        if plan.paths.is_some() { path::run(plan, &Device::Cpu, control) } else { run_here(plan, control) }
     })?
 }
 
