@@ -18,3 +18,9 @@ fn leave(p: vec3<f32>, v: vec3<f32>) -> Leave {
     }
     return Leave(0, max((root - b) / a, 0.0));
 }
+
+// Whether a point is within the ball.
+fn contains(p: vec3<f32>) -> bool {
+    let r = p - 0.5;
+    return r.x * r.x + r.y * r.y + r.z * r.z < 0.25;
+}

@@ -19,3 +19,8 @@ fn leave(p: vec3<f32>, v: vec3<f32>) -> Leave {
     }
     return out;
 }
+
+// Whether a point is within the box.
+fn contains(p: vec3<f32>) -> bool {
+    return all(p >= vec3(0.0)) && all(p < vec3<f32>(scene.n));
+}

@@ -9,15 +9,17 @@
 // The largest order that is known here.
 const MAX_ORDER = 8u;
 
+// Tables are private variables, for naga copies a constant one at each look into it.
+
 // q_mm^2 = (2 - delta_m0) / (4 pi) * (3 / 2) (5 / 4) ... ((2m + 1) / (2m)).
-const FIRST = array<f32, 9>(
+var<private> FIRST: array<f32, 9> = array<f32, 9>(
     0.2820948, 0.48860252, 0.54627424, 0.5900436, 0.6258357,
     0.6563821, 0.6831841, 0.70716274, 0.72892666,
 );
 
-// (a_lm, b_lm), l = m + 1 ..= MAX_ORDER, for each m in turn: a_lm^2 = (4 l^2 - 1) / (l^2 - m^2), b_lm = a_lm /
-// a_(l-1)m.
-const STEP = array<vec2<f32>, 36>(
+// (a_lm, b_lm), l = m + 1 ..= MAX_ORDER, for each m in turn: a_lm^2 = (4 l^2 - 1) / (l^2 - m^2) and
+// b_lm = a_lm / a_(l-1)m.
+var<private> STEP: array<vec2<f32>, 36> = array<vec2<f32>, 36>(
     vec2(1.7320508, 0.0), vec2(1.9364917, 1.118034), vec2(1.9720266, 1.0183501), vec2(1.9843135, 1.0062306),
     vec2(1.9899749, 1.002853), vec2(1.9930434, 1.001542), vec2(1.9948914, 1.0009272), vec2(1.9960899, 1.0006008),
     vec2(2.236068, 0.0), vec2(2.09165, 0.9354144), vec2(2.04939, 0.9797959), vec2(2.0310097, 0.9910312),

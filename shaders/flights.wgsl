@@ -1,0 +1,66 @@
+// Null-collision flights, one event after the other: four random words each. The free flight; the jitter of the density's
+// one read, and two bits for roulette; the acceptance, whose position within the accepted part is again uniform and gives the
+// scattering angle; the azimuth, and ten bits that round deposits and extend the flight's word beyond 32 bits.
+
+// What the random numbers are for.
+override PURPOSE: u32 = 0u;
+
+// Below this weight roulette is played, and survived with the chance SURVIVAL, which two random bits decide.
+const ROULETTE = 0.1;
+const SURVIVAL = 0.25;
+
+// How a flight went on: to a tentative collision, out of the medium, or to a cell's edge, from where it is to go on.
+const TENTATIVE = 0u;
+const LEFT = 1u;
+const FLYING = 2u;
+
+struct Flight {
+    // Voxel coordinates, and unit direction.
+    p: vec3<f32>,
+    d: vec3<f32>,
+    // The next tentative collision.
+    q: vec3<f32>,
+    // Whose random numbers it draws, and blocks of random words used.
+    index: vec2<u32>,
+    block: u32,
+    // Random words of this event.
+    word: vec4<u32>,
+    // A uniform number for the scattering angle.
+    xi: f32,
+    // What is left of the free flight, in optical depths of the majorant.
+    depth: f32,
+    // 1 / majorant where it is [length].
+    free_path: f32,
+    // Cell of the majorant grid.
+    at: vec3<i32>,
+}
+
+// The next four words, and the free flight that they begin with: up to 28 mean free paths, from 32 bits and ten more.
+fn draw_flight(f: ptr<function, Flight>) {
+    let word = words(scene.seed, (*f).index, (*f).block, PURPOSE);
+    (*f).word = word;
+    (*f).block += 1u;
+    let rest = (f32(word.w & 1023u) + 0.5) * (1.0 / 1024.0);
+    (*f).depth = -ln((f32(word.x) + rest) * (1.0 / 4294967296.0));
+    (*f).at = vec3(-1);
+}
+
+// The albedo at a real collision.
+fn albedo_of(f: ptr<function, Flight>) -> Spectrum {
+    return albedo_read((*f).p, words(scene.seed, (*f).index, (*f).block, PURPOSE + 1u).x);
+}
+
+// Whether roulette is survived.
+fn survives(f: ptr<function, Flight>) -> bool {
+    return ((*f).word.y >> 30u) == 0u;
+}
+
+// What rounds a deposit, from ten bits.
+fn rounding(word: u32) -> f32 {
+    return f32(word & 1023u) * (1.0 / 1024.0) + 0.5 / 1024.0;
+}
+
+// A part of a turn from the upper 22 bits.
+fn azimuth(word: u32) -> f32 {
+    return f32(word >> 10u) * (1.0 / 4194304.0);
+}
