@@ -13,7 +13,16 @@ fn ln(x: f32) -> f32 {
     // x = 2^exponent * (1 + m) with 1 + m within [sqrt(1/2), sqrt(2)).
     let shifted = bitcast<u32>(x) - 0x3f3504f3u;
     let exponent = f32(bitcast<i32>(shifted) >> 23u);
-    let m = bitcast<f32>((shifted & 0x007fffffu) + 0x3f3504f3u) - 1.0;
+    return ln_parts(bitcast<f32>((shifted & 0x007fffffu) + 0x3f3504f3u) - 1.0, exponent);
+}
+
+// ln(1 + x) for x within [-0.29, 0.41], which keeps its precision near 0.
+fn ln_1p(x: f32) -> f32 {
+    return ln_parts(x, 0.0);
+}
+
+// ln((1 + m) 2^exponent) for 1 + m within [sqrt(1/2), sqrt(2)).
+fn ln_parts(m: f32, exponent: f32) -> f32 {
     let z = m * m;
     var y = 7.0376836e-2;
     y = y * m - 1.151461e-1;

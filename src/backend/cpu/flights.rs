@@ -52,9 +52,9 @@ pub struct Course<'a> {
     pub voids: Option<Voids>,
     isotropic: bool,
     /// 1 / majorant [length], where there is one majorant.
-    free_path: f32,
+    pub free_path: f32,
     /// The largest extinction coefficient per density.
-    extinction: f32,
+    pub extinction: f32,
     /// The key of all random numbers.
     pub seed: [u32; 2],
     /// What their numbers are for.
@@ -93,10 +93,11 @@ impl<'a> Course<'a> {
 /// A grid of majorants.
 pub struct Cells {
     /// Voxels per cell and axis.
-    block: f32,
-    n: [i32; 3],
+    pub block: f32,
+    /// Cells along x, y, z.
+    pub n: [i32; 3],
     /// Extinction coefficients that are nowhere exceeded, x fastest.
-    majorant: Vec<f32>,
+    pub majorant: Vec<f32>,
 }
 
 impl Cells {

@@ -9,6 +9,7 @@ pub mod device;
 pub mod grid;
 pub mod kernel;
 pub mod lights;
+pub mod path;
 pub mod scene;
 mod sources;
 

@@ -12,9 +12,11 @@ macro_rules! shaders {
 }
 
 shaders! {
-    "albedo_constant" "albedo_voxels" "channels_1" "channels_3" "columns" "density_constant" "density_voxels" "edge_ball" "edge_box"
-    "flight" "frame" "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "phase" "phase_hg"
-    "phase_isotropic" "phase_rayleigh" "phase_tabulated" "real" "rng" "tables" "wide"
+    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "channels_1" "channels_3" "columns" "connect"
+    "density_constant" "density_voxels" "edge_ball" "edge_box" "flight" "flights" "flights_cells" "flights_one" "frame"
+    "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "maps_none" "near_none" "path" "path_flights"
+    "paths" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "primary" "reach_constant"
+    "reach_linear" "reach_nearest" "real" "rng" "tables" "turn_isotropic" "turn_phase" "view" "wide"
 }
 
 /// The text of a file.

@@ -7,7 +7,7 @@
 pub mod connect;
 mod lanes;
 mod primary;
-mod walk;
+pub mod walk;
 
 use super::gather::{Volumes, image};
 use super::shoot::Medium;
