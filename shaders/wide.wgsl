@@ -43,3 +43,54 @@ fn times64(a: u32, b: vec2<u32>) -> vec2<u32> {
 fn mul_high64(word: u32, b: vec2<u32>) -> vec2<u32> {
     return add64(mul_wide(word, b.y), vec2(mul_hi(word, b.x), 0u));
 }
+
+// -a, modulo 2^64.
+fn negate64(a: vec2<u32>) -> vec2<u32> {
+    return add64(~a, vec2(1u, 0u));
+}
+
+// a * 2^s, modulo 2^64.
+fn shift64(a: vec2<u32>, s: u32) -> vec2<u32> {
+    if s >= 32u {
+        return vec2(0u, a.x << (s - 32u));
+    }
+    return vec2(a.x << s, (a.y << s) | select(0u, a.x >> (32u - s), s > 0u));
+}
+
+// The largest integer not above x, |x| < 2^63.
+fn wide_floor(x: f32) -> vec2<u32> {
+    let whole = floor(x);
+    let high = floor(whole * (1.0 / 4294967296.0));
+    return vec2(u32(whole - high * 4294967296.0), bitcast<u32>(i32(high)));
+}
+
+// x * 2^32 without its fraction, |x| < 2^31.
+fn wide_cut(x: f32) -> vec2<u32> {
+    let size = abs(x);
+    let high = floor(size);
+    let cut = vec2(u32((size - high) * 4294967296.0), u32(high));
+    if x < 0.0 {
+        return negate64(cut);
+    }
+    return cut;
+}
+
+// A number as a float.
+fn float64(a: vec2<u32>) -> f32 {
+    return f32(a.y) * 4294967296.0 + f32(a.x);
+}
+
+// The 32 bits of a / b behind the point, for a < b: right to 2^-31.
+fn fraction64(a: vec2<u32>, b: vec2<u32>) -> u32 {
+    let s = select(countLeadingZeros(b.y), 32u + countLeadingZeros(b.x), b.y == 0u);
+    let whole = shift64(a, s);
+    let by = shift64(b, s).y;
+    let guess = u32(min(f32(whole.y) / f32(by), 0.99999994) * 4294967296.0);
+    // What the guess leaves is put right once.
+    let rest = sub64(whole, mul_wide(guess, by));
+    let more = (f32(bitcast<i32>(rest.y)) * 4294967296.0 + f32(rest.x)) / f32(by);
+    if more < 0.0 {
+        return guess - min(u32(-more), guess);
+    }
+    return guess + min(u32(more), 0xffffffffu - guess);
+}

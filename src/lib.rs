@@ -21,7 +21,7 @@
 //! ```text
 //! let scene = Scene::new(medium, lights, camera);   // parsed at the border, hence valid
 //! let plan = Plan::new(&scene, &settings)?;         // pure data: which kernels, which tables, why
-//! let result = backend::cpu::run(&plan, &control)?; // the only effect
+//! let result = backend::run::run(&plan, &device, &control)?; // the only effect
 //! let image = backend::cpu::gather::image(...)?;    // any camera, same photons
 //! ```
 //!

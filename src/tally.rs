@@ -64,6 +64,32 @@ impl Bins {
         }
     }
 
+    /// Their number.
+    pub fn len(&self) -> usize {
+        self.words.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.words.is_empty()
+    }
+
+    /// Takes in sums of 64 bits (two's complement), as lower and upper words.
+    pub fn load(&mut self, low: &[u32], high: &[u32]) {
+        let mut carries = Vec::new();
+        for (at, ((word, &low), &high)) in self.words.iter_mut().zip(low).zip(high).enumerate() {
+            *word.get_mut() = low as i32;
+            // The lower word has a sign here.
+            let carry = (high as i32).wrapping_add(i32::from((low as i32) < 0));
+            if carry != 0 {
+                carries.push((at, carry));
+            }
+        }
+        if let Ok(list) = self.carries.get_mut() {
+            *list = carries;
+        }
+    }
+
     /// Ends a batch: blocks of the bins to be [`Block::drain`]ed, `size` each.
     pub fn blocks(&mut self, size: usize) -> Vec<Block<'_>> {
         let mut carries = self.carries.get_mut().map(std::mem::take).unwrap_or_default();

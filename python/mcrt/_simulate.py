@@ -196,7 +196,6 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         raise not_yet("detector")
     if flag("photoelectric", arguments["photoelectric"]):
         raise not_yet("photoelectric")
-    choice("backend", arguments["backend"], ("auto", "cpu"), later=("gpu",))
 
     def optional(name: str, parse: Callable[..., Any], *limits: int) -> Any:
         value = arguments[name]
@@ -217,6 +216,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "target_error": optional("target_error", positive),
         "time_limit": optional("time_limit", positive),
         "max_scatterings": optional("max_scatterings", integer, 0, 2**31 - 1),
+        "backend": arguments["backend"],
         "seed": integer("seed", arguments["seed"], 0, 2**64 - 1),
         "threads": optional("threads", integer, 1, 1024),
         "errors": flag("errors", arguments["errors"]),

@@ -3,7 +3,10 @@
 pub mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+pub mod run;
+pub mod shot;
 
+use crate::error::{Result, scene_error};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -16,6 +19,27 @@ pub enum Device {
     /// On an adapter.
     #[cfg(feature = "gpu")]
     Gpu(std::sync::Arc<gpu::Gpu>),
+}
+
+impl Device {
+    /// The device that `wish` means: "cpu"; "gpu", which takes any adapter, the fastest kind first; "gpu:NAME", one with this
+    /// in its name, or "gpu:low" and "gpu:high" by its power; "auto" takes an adapter that is no processor, or else the CPU.
+    pub fn open(wish: &str) -> Result<Self> {
+        match wish.split_once(':').unwrap_or((wish, "")) {
+            ("cpu", "") => Ok(Device::Cpu),
+            #[cfg(feature = "gpu")]
+            ("auto", "") => Ok(gpu::Gpu::real().map_or(Device::Cpu, Device::Gpu)),
+            #[cfg(feature = "gpu")]
+            ("gpu", name) => gpu::Gpu::open(name).map(Device::Gpu),
+            #[cfg(not(feature = "gpu"))]
+            ("auto", "") => Ok(Device::Cpu),
+            #[cfg(not(feature = "gpu"))]
+            ("gpu", _) => Err(crate::Error::NoAdapter("this build has no GPU backend; use backend=\"cpu\"".into())),
+            _ => scene_error(format!(
+                "backend = {wish:?} is not allowed; \"auto\", \"cpu\", \"gpu\" and \"gpu:NAME\" are"
+            )),
+        }
+    }
 }
 
 /// How a run is watched and stopped from outside while it works.

@@ -3,9 +3,11 @@
 mod convert;
 mod watch;
 
+use crate::backend::Device;
 use crate::backend::cpu::angular::Towards;
 use crate::backend::cpu::gather::{Volumes, beams, image};
 use crate::backend::cpu::{self, pixel_error};
+use crate::backend::run::run;
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
@@ -123,10 +125,12 @@ fn simulate<'py>(
     settings: &Bound<'py, PyDict>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let wish = convert::optional::<String>(settings, "backend")?.unwrap_or_else(|| "auto".into());
     let held = Held::new(scene)?;
     let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?);
+    let device = py.detach(|| Device::open(&wish)).map_err(|e| to_py(py, e))?;
     let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
-    let outcome = watch::run(py, settings.time_limit, progress.as_ref(), |control| cpu::run(&plan, control))?;
+    let outcome = watch::run(py, settings.time_limit, progress.as_ref(), |control| run(&plan, &device, control))?;
     report(py, &plan, outcome)
 }
 

@@ -129,22 +129,6 @@ impl Camera {
         })
     }
 
-    /// The axis of view.
-    pub fn forward(&self) -> [f64; 3] {
-        self.forward
-    }
-
-    /// What one pixel to the right and one down are, at distance 1 from the eye of a perspective and anywhere in a parallel
-    /// view; and whether it is parallel.
-    pub fn pixel_steps(&self) -> ([[f64; 3]; 2], bool) {
-        let (half_width, parallel) = match self.projection {
-            Projection::Perspective { half_width } => (half_width, false),
-            Projection::Orthographic { half_width } => (half_width, true),
-        };
-        let step = 2.0 * half_width / self.resolution[0] as f64;
-        ([self.right.map(|c| c * step), self.up.map(|c| -c * step)], parallel)
-    }
-
     /// Where a point is seen, in pixels from the upper left corner; `None` behind the eye.
     pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
         let r: [f64; 3] = std::array::from_fn(|a| point[a] - self.origin[a]);

@@ -46,7 +46,7 @@ pub enum Start {
 }
 
 /// How an emitter places its photons.
-enum Kind<'a> {
+pub(in crate::backend) enum Kind<'a> {
     Point { position: [f64; 3], axis: [f64; 3], cap: f64 },
     Pencil { p: V3, direction: [f64; 3] },
     Directional { direction: [f64; 3], faces: [f64; 3] },
@@ -58,22 +58,22 @@ enum Kind<'a> {
 
 /// The distribution of a light's first collisions over the voxels, from which they are drawn by systematic sampling.
 pub struct FirstCollisions<'a> {
-    light: Illumination<'a>,
-    interpolated: bool,
+    pub(in crate::backend) light: Illumination<'a>,
+    pub(in crate::backend) interpolated: bool,
     /// Each voxel's share.
-    power: Vec<f32>,
+    pub(in crate::backend) power: Vec<f32>,
     /// Sums of the shares up to the end of each row along x.
-    rows: Vec<f64>,
+    pub(in crate::backend) rows: Vec<f64>,
     extinction: [f32; 3],
-    volume: f32,
+    pub(in crate::backend) volume: f32,
     n: [usize; 2],
 }
 
 /// An emitting medium, whose voxels are drawn by what they emit in all channels together.
-struct Glowing<'a> {
-    fields: Vec<Field<'a>>,
+pub(in crate::backend) struct Glowing<'a> {
+    pub(in crate::backend) fields: Vec<Field<'a>>,
     /// Sums of the voxels' values up to the end of each row along x.
-    rows: Vec<f64>,
+    pub(in crate::backend) rows: Vec<f64>,
     n: [usize; 2],
 }
 
@@ -138,7 +138,7 @@ impl<'a> Glowing<'a> {
 
 /// The sum of some fields in a voxel.
 #[inline(always)]
-fn sum_of(fields: &[Field], at: usize) -> f64 {
+pub(in crate::backend) fn sum_of(fields: &[Field], at: usize) -> f64 {
     fields.iter().map(|field| f64::from(field.values()[at])).sum()
 }
 
@@ -198,7 +198,7 @@ impl FirstCollisions<'_> {
 
 /// A light as the walk sees it.
 pub struct Emitter<'a> {
-    kind: Kind<'a>,
+    pub(in crate::backend) kind: Kind<'a>,
     /// The power of all its photons [W], the largest channel's.
     pub power: f64,
     /// Each channel's value over the largest.
@@ -389,7 +389,7 @@ fn pick_face(areas: &[f64; 3], u: f64) -> (usize, f64) {
 
 /// The cone from a point around the box's bounding sphere: its axis, and 1 - the cosine of its half angle (2 for all
 /// directions, from within the sphere).
-fn cone(position: [f64; 3], size: [f64; 3]) -> ([f64; 3], f64) {
+pub(in crate::backend) fn cone(position: [f64; 3], size: [f64; 3]) -> ([f64; 3], f64) {
     let to: [f64; 3] = std::array::from_fn(|a| 0.5 * size[a] - position[a]);
     let d2 = to.iter().map(|c| c * c).sum::<f64>();
     let r2 = 0.25 * size.iter().map(|c| c * c).sum::<f64>();

@@ -52,9 +52,9 @@ pub struct Course<'a> {
     pub voids: Option<Voids>,
     isotropic: bool,
     /// 1 / majorant [length], where there is one majorant.
-    pub free_path: f32,
+    free_path: f32,
     /// The largest extinction coefficient per density.
-    pub extinction: f32,
+    extinction: f32,
     /// The key of all random numbers.
     pub seed: [u32; 2],
     /// What their numbers are for.
@@ -90,14 +90,25 @@ impl<'a> Course<'a> {
     }
 }
 
+impl Course<'_> {
+    /// 1 / majorant, where there is one [length].
+    pub fn free_path(&self) -> f32 {
+        self.free_path
+    }
+
+    /// Voxels per cell and axis, cells along x, y, z, and majorants, where there are several.
+    pub fn majorants(&self) -> Option<(f32, [i32; 3], &[f32])> {
+        self.cells.as_ref().map(|cells| (cells.block, cells.n, &cells.majorant[..]))
+    }
+}
+
 /// A grid of majorants.
 pub struct Cells {
     /// Voxels per cell and axis.
-    pub block: f32,
-    /// Cells along x, y, z.
-    pub n: [i32; 3],
+    block: f32,
+    n: [i32; 3],
     /// Extinction coefficients that are nowhere exceeded, x fastest.
-    pub majorant: Vec<f32>,
+    majorant: Vec<f32>,
 }
 
 impl Cells {

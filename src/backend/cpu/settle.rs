@@ -4,9 +4,10 @@ use super::angular::Towards;
 use super::emit::{hit_fraction, mean_density};
 use super::gather::{Volumes, image};
 use super::light::{Illumination, Quadrature, beam, unscattered, voxel_fluence};
+use super::pixel_error;
 use super::shoot::LocalEye;
-use super::{Shot, pixel_error};
 use crate::backend::Control;
+use crate::backend::shot::{Shot, pad};
 use crate::error::{Error, Result};
 use crate::plan::{Direct, Emission, Plan};
 use crate::result::{Energy, Outcome, Share};
@@ -29,12 +30,7 @@ struct Direct0 {
 }
 
 /// Sums up a run.
-pub(super) fn settle(
-    plan: &Plan,
-    views: &[Option<Illumination>],
-    mut shot: Shot,
-    control: &Control,
-) -> Result<Outcome> {
+pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, control: &Control) -> Result<Outcome> {
     let channels = plan.channels;
     let values = plan.scene.medium.volume.voxels() * channels;
     let energy = balance(plan, views, &shot);
@@ -198,9 +194,9 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Res
     if !quadrature.is_empty() && (plan.settings.fluence || wants_source || quiet) {
         let row = n[0] * channels;
         let rows = n[1] * n[2];
-        let mut fluence_rows: Vec<Option<&mut [f32]>> = super::pad(fluence.chunks_mut(row), rows);
+        let mut fluence_rows: Vec<Option<&mut [f32]>> = pad(fluence.chunks_mut(row), rows);
         let lit: &mut [f32] = if wants_source { &mut source } else { &mut [] };
-        let mut source_rows: Vec<Option<&mut [f32]>> = super::pad(lit.chunks_mut(row), rows);
+        let mut source_rows: Vec<Option<&mut [f32]>> = pad(lit.chunks_mut(row), rows);
         let sums: Vec<Vec<[[f64; 3]; 2]>> = fluence_rows
             .par_iter_mut()
             .zip(source_rows.par_iter_mut())
@@ -376,7 +372,7 @@ fn close(plan: &Plan, mut energy: Energy, direct: &Direct0) -> Energy {
 }
 
 /// The relative noise and bias that `target_error` bounds together, as they stand.
-pub(super) fn relative_error(
+pub fn relative_error(
     plan: &Plan,
     views: &[Option<Illumination>],
     shot: &mut Shot,

@@ -40,6 +40,11 @@ impl Default for Energies {
 }
 
 impl Energies {
+    /// Sums of shares by channel in 2^-36 of a weight, and real collisions.
+    pub fn from_units(shares: [[i64; 3]; Share::COUNT], collisions: u64) -> Self {
+        Energies { shares, collisions }
+    }
+
     /// Adds a weight to a share.
     #[inline(always)]
     pub fn add<const C: usize>(&mut self, share: Share, weight: [f32; C]) {

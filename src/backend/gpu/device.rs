@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use bytemuck::{NoUninit, Pod};
 use pollster::block_on;
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Invocations of a workgroup.
 pub const GROUP: u32 = 64;
@@ -46,6 +46,16 @@ impl Gpu {
         let gpu = Arc::new(Gpu::new(&adapter::choose(wish)?)?);
         open.insert(wish.to_string(), gpu.clone());
         Ok(gpu)
+    }
+
+    /// The fastest adapter that is no processor, if there is one. It is looked for once.
+    pub fn real() -> Option<Arc<Gpu>> {
+        static FOUND: OnceLock<bool> = OnceLock::new();
+        if *FOUND.get_or_init(|| adapter::choose("").is_ok_and(|found| !adapter::is_software(&found))) {
+            Gpu::open("").ok()
+        } else {
+            None
+        }
     }
 
     /// Opens an adapter with all that it allows.

@@ -31,15 +31,40 @@ impl Source {
         self
     }
 
-    /// The WGSL of all files.
+    /// The WGSL of the first file and of those that it calls on, and so on: what a kernel does not use is left out.
     pub fn text(&self) -> Result<String> {
-        let mut text = String::new();
-        for file in &self.files {
-            text += &sources::read(file)?;
+        let mut rest = self.files.iter().map(|file| sources::read(file)).collect::<Result<Vec<_>>>()?;
+        let mut text = if rest.is_empty() { String::new() } else { rest.remove(0) };
+        while let Some(at) = rest.iter().position(|file| declared(file).any(|name| mentions(&text, name))) {
             text.push('\n');
+            text += &rest.remove(at);
         }
         Ok(text)
     }
+}
+
+/// The names that a file declares at its top level.
+fn declared(file: &str) -> impl Iterator<Item = &str> {
+    file.lines().filter_map(|line| {
+        // Attributes and address spaces stand before the word that says what it is, or behind it.
+        let line = line.rsplit_once(") ").filter(|_| line.starts_with("@group")).map_or(line, |(_, rest)| rest);
+        let (word, rest) = line.split_once(' ')?;
+        let kind = word.split('<').next()?;
+        let declares = ["fn", "struct", "const", "override", "alias", "var"].contains(&kind);
+        let rest = if word.contains('<') && !word.contains('>') { rest.split_once("> ")?.1 } else { rest };
+        declares.then(|| rest.split(|c| !is_part(c)).next().unwrap_or_default())
+    })
+}
+
+/// Whether a character is part of a name.
+fn is_part(c: char) -> bool {
+    c.is_alphanumeric() || c == '_'
+}
+
+/// Whether a text holds a name outside of its comments.
+fn mentions(text: &str, name: &str) -> bool {
+    let code = |line: &'_ str| line.split("//").next().unwrap_or_default().to_string();
+    text.lines().any(|line| code(line).split(|c| !is_part(c)).any(|word| word == name))
 }
 
 /// Something that a kernel reads or writes.

@@ -6,11 +6,12 @@
 
 pub mod adapter;
 pub mod device;
-pub mod grid;
+pub mod emit;
 pub mod kernel;
 pub mod lights;
 pub mod path;
 pub mod scene;
+pub mod shoot;
 mod sources;
 
 pub use device::Gpu;

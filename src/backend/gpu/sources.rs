@@ -12,11 +12,13 @@ macro_rules! shaders {
 }
 
 shaders! {
-    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "channels_1" "channels_3" "columns" "connect"
-    "density_constant" "density_voxels" "edge_ball" "edge_box" "flight" "flights" "flights_cells" "flights_one" "frame"
-    "harmonics" "light" "line" "lookup" "lookup_linear" "lookup_nearest" "maps_none" "near_none" "path" "path_flights"
-    "paths" "phase" "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "primary" "reach_constant"
-    "reach_linear" "reach_nearest" "real" "rng" "tables" "turn_isotropic" "turn_phase" "view" "wide"
+    "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular_eye" "angular_harmonics" "angular_nothing"
+    "channels_1" "channels_3" "connect" "counters" "density_constant" "density_voxels" "deposit" "edge_ball" "edge_box"
+    "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame" "harmonics" "light" "line"
+    "lookup" "lookup_linear" "lookup_nearest" "maps_none" "near_none" "path" "path_flights" "paths" "phase" "phase_hg"
+    "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "primary" "reach_constant" "reach_linear"
+    "reach_nearest" "real" "rng" "shoot" "start" "start_directional" "start_environment" "start_first" "start_medium"
+    "start_pencil" "start_point" "table" "tables" "tally" "turn_isotropic" "turn_phase" "wide"
 }
 
 /// The text of a file.

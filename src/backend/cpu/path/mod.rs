@@ -10,11 +10,12 @@ mod primary;
 pub mod walk;
 
 use super::gather::{Volumes, image};
+use super::pixel_error;
 use super::shoot::Medium;
 use super::track::{self, Analytic, March, Woodcock};
-use super::{illuminations, light_grids, pixel_error};
 #[cfg(feature = "gpu")]
 use crate::backend::gpu;
+use crate::backend::run::{illuminations, light_grids};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{PathPlan, Plan, Tracker};

@@ -1,0 +1,27 @@
+// What a photon leaves where it is: its fluence, and what of it would scatter towards the eye or into harmonics.
+
+// The first bin of the fluence of incident order 0, of the inner orders and of the last, or NOWHERE.
+override PLAIN_FIRST: u32 = 0xffffffffu;
+override PLAIN_INNER: u32 = 0xffffffffu;
+override PLAIN_LAST: u32 = 0xffffffffu;
+// The same of what has a direction.
+override ANGULAR_FIRST: u32 = 0xffffffffu;
+override ANGULAR_INNER: u32 = 0xffffffffu;
+override ANGULAR_LAST: u32 = 0xffffffffu;
+
+const NOWHERE = 0xffffffffu;
+
+// Adds `units` (weight times length) at p in a voxel, on the way along d, after `order` scatterings.
+fn deposit(voxel: u32, p: vec3<f32>, d: vec3<f32>, order: u32, units: Spectrum, xi: f32) {
+    let inner = order > 0u && order != scene.last;
+    let plain = select(select(PLAIN_LAST, PLAIN_FIRST, order == 0u), PLAIN_INNER, inner);
+    if plain != NOWHERE {
+        for (var c = 0u; c < CHANNELS; c++) {
+            add_units(plain + voxel * CHANNELS + c, channel(units, c), xi);
+        }
+    }
+    let angular = select(select(ANGULAR_LAST, ANGULAR_FIRST, order == 0u), ANGULAR_INNER, inner);
+    if angular != NOWHERE {
+        deposit_angular(angular, voxel, p, d, units, xi);
+    }
+}

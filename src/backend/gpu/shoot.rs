@@ -1,0 +1,288 @@
+//! Photons on the GPU: a walk of many at once, dispatch after dispatch, each short beside a second.
+
+use super::device::Gpu;
+use super::emit::Start;
+use super::kernel::{Binding, Kernel, Source};
+use super::scene::{self, GpuScene};
+use crate::backend::Control;
+use crate::backend::cpu::emit::Emitter;
+use crate::backend::cpu::flights::{Course, Scored};
+use crate::backend::cpu::shoot::{Energies, allot};
+use crate::backend::run::Shooter;
+use crate::backend::shot::bin_unit;
+use crate::error::{Error, Result};
+use crate::physics::harmonics::count;
+use crate::plan::Plan;
+use crate::result::Share;
+use crate::tally::Bins;
+use bytemuck::{Pod, Zeroable};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Seconds of a dispatch, about: no desktop freezes, and Ctrl-C is heard.
+const DISPATCH: f64 = 0.05;
+/// Loop iterations of an invocation in one dispatch: a software adapter silently ends all loops after 65,535 of them.
+const ITERATIONS: u32 = 60_000;
+/// Photons under way at once.
+const SLOTS: u32 = 1 << 17;
+/// The same where a processor plays the GPU.
+const SOFTWARE_SLOTS: u32 = 1 << 12;
+/// Cells of majorants that a flight crosses without a pause.
+const CELLS: u32 = 32;
+/// Tentative collisions between two looks at what photons need else.
+const TENTATIVES: u32 = 8;
+
+/// `COPIES` and so on of `shaders/counters.wgsl`.
+const COPIES: usize = 64;
+const WORDS: usize = 72;
+const COLLISIONS: usize = 66;
+const FINISHED: usize = 68;
+const OVERFLOW: usize = 69;
+
+/// `Job` of `shaders/photons.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Job {
+    pub slots: u32,
+    pub events: u32,
+    pub unit: f32,
+    pub spare: u32,
+}
+
+/// `Photon` of `shaders/photons.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Photon {
+    pub p: [f32; 3],
+    pub order: u32,
+    pub d: [f32; 3],
+    pub state: u32,
+    pub weight: [f32; 3],
+    pub number: u32,
+    pub absorbed: [f32; 3],
+    pub block: u32,
+    pub word: [u32; 4],
+    pub at: [i32; 3],
+    pub depth: f32,
+    pub xi: f32,
+    pub free_path: f32,
+    pub hero: u32,
+    pub spare: u32,
+}
+
+/// Shoots the photons of some emitters on a GPU.
+pub struct Shooting<'a> {
+    gpu: &'a Gpu,
+    plan: &'a Plan<'a>,
+    scene: GpuScene,
+    emitters: Vec<(Start, Arc<Kernel>, u32)>,
+    majorants: Option<wgpu::Buffer>,
+    job: wgpu::Buffer,
+    photons: wgpu::Buffer,
+    counters: wgpu::Buffer,
+    fates: Option<wgpu::Buffer>,
+    low: wgpu::Buffer,
+    high: wgpu::Buffer,
+    bins: Vec<Vec<Bins>>,
+    slots: u32,
+    /// Events of a dispatch.
+    events: u32,
+}
+
+impl<'a> Shooting<'a> {
+    /// Compiles the kernels of a plan, and uploads what they read.
+    pub fn new(gpu: &'a Gpu, plan: &'a Plan<'a>, emitters: &[Emitter]) -> Result<Self> {
+        Self::watching(gpu, plan, emitters, 0)
+    }
+
+    /// The same; the fates of the first `watched` photons of an emitter are kept.
+    pub fn watching(gpu: &'a Gpu, plan: &'a Plan<'a>, emitters: &[Emitter], watched: usize) -> Result<Self> {
+        let mut on_gpu = GpuScene::new(gpu, plan.scene, plan.channels)?;
+        let voxels = plan.settings.fluence || plan.settings.radiance;
+        let course = Course::new(plan, if voxels { Scored::Everywhere } else { Scored::ForImages }, 0);
+        on_gpu.update(gpu, |constants| {
+            scene::of_plan(plan, constants);
+            constants.free_path = course.free_path();
+            if let Some((block, n, _)) = course.majorants() {
+                (constants.block, constants.cells) = (block as i32, n);
+            }
+        });
+        let majorants = match course.majorants() {
+            Some((_, _, majorants)) => Some(gpu.buffer(majorants)?),
+            None => None,
+        };
+        let values = (plan.scene.medium.volume.voxels() * plan.channels) as u64;
+        let widths: Vec<u64> = plan.layers.iter().map(|layer| values * plan.width_of(*layer) as u64).collect();
+        let total: u64 = widths.iter().sum();
+        if total >= u64::from(u32::MAX) {
+            return Err(Error::VolumeTooLarge(format!(
+                "{total} tally bins are more than the 4294967295 that the GPU backend counts; use backend=\"cpu\""
+            )));
+        }
+        let mut ready = Vec::with_capacity(emitters.len());
+        for emitter in emitters {
+            let start = Start::new(gpu, plan.scene, emitter)?;
+            let source = source(plan, &on_gpu, &course, &start, &widths, watched > 0);
+            let limit = ITERATIONS / iterations(plan, &course, &start);
+            ready.push((start, gpu.kernel(source)?, limit.max(1)));
+        }
+        let slots = if gpu.software { SOFTWARE_SLOTS } else { SLOTS };
+        let new = |bins: &u64| vec![Bins::new(*bins as usize, true)];
+        Ok(Shooting {
+            gpu,
+            plan,
+            scene: on_gpu,
+            emitters: ready,
+            majorants,
+            job: gpu.uniform(&Job::zeroed())?,
+            photons: gpu.empty(u64::from(slots) * size_of::<Photon>() as u64)?,
+            counters: gpu.empty((COPIES * WORDS * 4) as u64)?,
+            fates: if watched > 0 { Some(gpu.empty(watched as u64 * 8)?) } else { None },
+            low: gpu.empty(total * 4)?,
+            high: gpu.empty(total * 4)?,
+            bins: widths.iter().map(new).collect(),
+            slots,
+            events: 32,
+        })
+    }
+
+    /// Walks all photons of an emitter; false if it was halted.
+    fn walk(&mut self, at: usize, photons: u64, halted: impl Fn() -> bool) -> Result<bool> {
+        let (start, kernel, limit) = &self.emitters[at];
+        let slots = self.slots.min(photons as u32);
+        let waiting: Vec<Photon> = (0..slots).map(|number| Photon { number, ..Photon::default() }).collect();
+        self.gpu.write(&self.photons, 0, &waiting);
+        let mut bindings = self.scene.bindings();
+        bindings.extend(start.bindings());
+        bindings.extend([
+            ("job", Binding::Buffer(&self.job)),
+            ("photons", Binding::Buffer(&self.photons)),
+            ("counters", Binding::Buffer(&self.counters)),
+            ("tally_low", Binding::Buffer(&self.low)),
+            ("tally_high", Binding::Buffer(&self.high)),
+        ]);
+        bindings.extend(self.majorants.iter().map(|buffer| ("majorants", Binding::Buffer(buffer))));
+        bindings.extend(self.fates.iter().map(|buffer| ("fates", Binding::Buffer(buffer))));
+        let before = self.finished()?;
+        loop {
+            if halted() {
+                return Ok(false);
+            }
+            let events = self.events.min(*limit);
+            let job = Job { slots, events, unit: bin_unit(self.plan) as f32, spare: 0 };
+            self.gpu.write(&self.job, 0, &[job]);
+            let began = Instant::now();
+            self.gpu.run(kernel, &bindings, u64::from(slots))?;
+            if self.finished()? - before >= photons {
+                return Ok(true);
+            }
+            let factor = (DISPATCH / began.elapsed().as_secs_f64()).clamp(0.5, 2.0);
+            self.events = ((f64::from(events) * factor) as u32).clamp(1, ITERATIONS);
+        }
+    }
+
+    /// Photons of this batch that are done.
+    fn finished(&self) -> Result<u64> {
+        let counters: Vec<u32> = self.gpu.read(&self.counters, COPIES * WORDS)?;
+        Ok(counters.chunks(WORDS).map(|copy| u64::from(copy[FINISHED])).sum())
+    }
+
+    /// Where the energy of the batch went.
+    fn energies(&self) -> Result<Energies> {
+        let counters: Vec<u32> = self.gpu.read(&self.counters, COPIES * WORDS)?;
+        if counters[OVERFLOW] != 0 {
+            return Err(Error::Internal("a tally bin exceeded 2^63 units".into()));
+        }
+        let wide = |copy: &[u32], at: usize| (u64::from(copy[at]) | u64::from(copy[at + 1]) << 32) as i64;
+        let mut shares = [[0i64; 3]; Share::COUNT];
+        let mut collisions = 0;
+        for copy in counters.chunks(WORDS) {
+            for (at, share) in shares.as_flattened_mut().iter_mut().enumerate() {
+                *share += wide(copy, 2 * at);
+            }
+            collisions += wide(copy, COLLISIONS) as u64;
+        }
+        Ok(Energies::from_units(shares, collisions))
+    }
+
+    /// Collisions, and the share of the energy that it ended in, of each watched photon.
+    pub fn fates(&self, watched: usize) -> Result<Vec<[u32; 2]>> {
+        self.fates.as_ref().map_or(Ok(Vec::new()), |buffer| self.gpu.read(buffer, watched))
+    }
+}
+
+impl Shooter for Shooting<'_> {
+    fn batch(&mut self, first: u64, photons: u64, control: &Control, urgent: bool) -> Result<Option<Energies>> {
+        self.gpu.clear(&self.counters);
+        self.gpu.clear(&self.low);
+        self.gpu.clear(&self.high);
+        let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
+        let counts = allot(&powers, photons);
+        let reference = powers.iter().sum::<f64>() / photons as f64;
+        let mut from = first;
+        for at in 0..self.emitters.len() {
+            let scale = (powers[at] / counts[at] as f64 / reference) as f32;
+            self.emitters[at].0.begin(self.gpu, from, counts[at], scale);
+            if !self.walk(at, counts[at], || control.stopped() || (urgent && control.late()))? {
+                return Ok(None);
+            }
+            from += counts[at];
+        }
+        self.energies().map(Some)
+    }
+
+    fn bins(&mut self) -> Result<&mut [Vec<Bins>]> {
+        let total = self.bins.iter().map(|layer| layer[0].len()).sum();
+        let low: Vec<u32> = self.gpu.read(&self.low, total)?;
+        let high: Vec<u32> = self.gpu.read(&self.high, total)?;
+        let mut from = 0;
+        for layer in &mut self.bins {
+            let end = from + layer[0].len();
+            layer[0].load(&low[from..end], &high[from..end]);
+            from = end;
+        }
+        Ok(&mut self.bins)
+    }
+}
+
+/// The kernel of an emitter.
+fn source(plan: &Plan, scene: &GpuScene, course: &Course, start: &Start, widths: &[u64], watched: bool) -> Source {
+    let isotropic = plan.scene.medium.phase.is_isotropic();
+    let mut files = vec!["shoot", "flights", "photons", "counters", "tally", "deposit"];
+    files.push(if course.majorants().is_some() { "flights_cells" } else { "flights_one" });
+    files.push(if isotropic { "turn_isotropic" } else { "turn_phase" });
+    files.push(if course.certain { "accept_all" } else { "accept_some" });
+    files.push(if watched { "end_fate" } else { "end_nothing" });
+    files.push(match plan.harmonics {
+        Some(_) => "angular_harmonics",
+        None if plan.routes.iter().any(|route| route.1.is_some()) => "angular_eye",
+        None => "angular_nothing",
+    });
+    files.push("harmonics");
+    files.extend(&start.files);
+    let first = |layer: Option<usize>| layer.map_or(f64::from(u32::MAX), |at| widths[..at].iter().sum::<u64>() as f64);
+    let unscattered = if start.tallies_unscattered { plan.routes[0] } else { (None, None) };
+    scene
+        .source(&files)
+        .with("TENTATIVES", if course.certain { 1 } else { TENTATIVES })
+        .with("CELLS", CELLS)
+        .with("ORDER", plan.harmonics.unwrap_or(0) as u32)
+        .with("HATS", plan.scene.medium.volume.linear())
+        .with("PLAIN_FIRST", first(unscattered.0))
+        .with("PLAIN_INNER", first(plan.routes[1].0))
+        .with("PLAIN_LAST", first(plan.routes[2].0))
+        .with("ANGULAR_FIRST", first(unscattered.1))
+        .with("ANGULAR_INNER", first(plan.routes[1].1))
+        .with("ANGULAR_LAST", first(plan.routes[2].1))
+}
+
+/// Loop iterations that an event takes at most.
+fn iterations(plan: &Plan, course: &Course, start: &Start) -> u32 {
+    let channels = plan.channels as u32;
+    let cells = if course.majorants().is_some() { CELLS } else { 0 };
+    let scores = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
+    let tentatives = if course.certain { 1 } else { TENTATIVES };
+    1 + start.iterations + 6 * channels + tentatives * (1 + cells + scores) + 16
+}

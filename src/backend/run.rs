@@ -1,0 +1,160 @@
+//! How a plan runs, whatever on: light grids, photons batch by batch until it is enough, and the sum of it all.
+
+use super::cpu::emit::Emitter;
+use super::cpu::light::Illumination;
+use super::cpu::shoot::Energies;
+use super::cpu::{self, path, settle};
+#[cfg(feature = "gpu")]
+use super::gpu;
+use super::shot::{Shot, bin_unit, fold};
+use super::{Control, Device};
+use crate::error::{Error, Result};
+use crate::plan::{Column, LightPlan, Plan, cost};
+use crate::result::{Outcome, Stopped};
+use crate::scene::field::Occupancy;
+use crate::scene::{Light, Scene};
+use crate::tally::Bins;
+
+/// Shoots the photons of a plan, batch by batch.
+pub trait Shooter {
+    /// Walks the photons of one batch, `first` being the number of its first; `None` if it was stopped, by the clock too if
+    /// it is `urgent`.
+    fn batch(&mut self, first: u64, photons: u64, control: &Control, urgent: bool) -> Result<Option<Energies>>;
+
+    /// What they left in the bins of each tally layer, to be emptied.
+    fn bins(&mut self) -> Result<&mut [Vec<Bins>]>;
+}
+
+/// Runs a plan.
+pub fn run(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
+    cpu::with_threads(plan.settings.threads, || {
+        if plan.paths.is_some() { path::run(plan, control) } else { run_here(plan, device, control) }
+    })?
+}
+
+fn run_here(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
+    let occupancy = Occupancy::new(&plan.scene.medium.volume);
+    let occupancy = occupancy.as_ref();
+    let columns = light_grids(plan, occupancy, control);
+    let views = illuminations(plan.scene, occupancy, plan.lights.iter().map(|l| l.column), &columns);
+    let emitters: Vec<Emitter> = plan
+        .scene
+        .lights
+        .iter()
+        .zip(&plan.lights)
+        .zip(&views)
+        .filter_map(|((light, how), view)| Emitter::new(plan.scene, light, how, view.as_ref()))
+        .chain(Emitter::medium(plan.scene))
+        .collect();
+    if control.stopped() {
+        return Err(Error::Interrupted);
+    }
+    let light_seconds = control.seconds();
+    let mut shot = Shot::new(plan);
+    if plan.shoots() && !emitters.is_empty() {
+        let mut shooter: Box<dyn Shooter> = match device {
+            Device::Cpu => cpu::shooter(plan, &emitters),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
+        };
+        let power = emitters.iter().map(|e| e.power).sum();
+        batches(plan, &mut *shooter, power, &views, occupancy, control, &mut shot)?;
+    }
+    drop(emitters);
+    let photon_seconds = control.seconds() - light_seconds;
+    let mut outcome = settle::settle(plan, &views, shot, control)?;
+    drop(views);
+    outcome.columns = plan
+        .lights
+        .iter()
+        .zip(columns)
+        .map(|(light, grid)| grid.filter(|_| light.column == Column::Grid && plan.settings.image))
+        .collect();
+    outcome.seconds = [light_seconds, photon_seconds, control.seconds() - light_seconds - photon_seconds];
+    Ok(outcome)
+}
+
+/// The light grids of the lights that need them; the sweep that finds them is linear in the voxels, and the same for all
+/// devices.
+pub fn light_grids(plan: &Plan, occupancy: Option<&Occupancy>, control: &Control) -> Vec<Option<Vec<f32>>> {
+    let scene = plan.scene;
+    let grid = |(light, how): (&Light, &LightPlan)| {
+        if !cost::uses_grid(how, light, scene.medium.volume.is_constant()) {
+            return None;
+        }
+        Illumination::new(scene, occupancy, light, how.column, None).map(|view| view.columns(control))
+    };
+    scene.lights.iter().zip(&plan.lights).map(grid).collect()
+}
+
+/// The views of all lights, `None` for those without a direction.
+pub fn illuminations<'a>(
+    scene: &'a Scene<'a>,
+    occupancy: Option<&'a Occupancy>,
+    how: impl Iterator<Item = Column>,
+    columns: &'a [Option<Vec<f32>>],
+) -> Vec<Option<Illumination<'a>>> {
+    scene
+        .lights
+        .iter()
+        .zip(how)
+        .zip(columns)
+        .map(|((light, column), nodes)| Illumination::new(scene, occupancy, light, column, nodes.as_deref()))
+        .collect()
+}
+
+/// Walks batch after batch until the plan, the target, the clock or the user says stop.
+fn batches(
+    plan: &Plan,
+    shooter: &mut dyn Shooter,
+    power: f64,
+    views: &[Option<Illumination>],
+    occupancy: Option<&Occupancy>,
+    control: &Control,
+    shot: &mut Shot,
+) -> Result<()> {
+    let unit = bin_unit(plan);
+    let round = plan.subvolumes.max(8) as u64;
+    let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
+    loop {
+        while shot.batches < goal {
+            let photons = plan.photons_of(shot.batches);
+            // Two batches make an error bar: until then the clock does not cut a batch short.
+            let Some(energies) = shooter.batch(shot.photons, photons, control, shot.batches >= 2)? else {
+                shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
+                return if control.stopped() { Err(Error::Interrupted) } else { Ok(()) };
+            };
+            let bins = shooter.bins()?;
+            shot.batches += 1;
+            shot.photons += photons;
+            fold(plan, bins, power / photons as f64 / unit, shot);
+            shot.energies.push((energies, power / photons as f64, photons));
+            // How many batches a target takes is known only after the first estimate, which comes soon.
+            let scale = if plan.batches.is_none() && goal == round { 0.1 } else { 1.0 };
+            let part = if goal == u64::MAX { 0.0 } else { scale * shot.batches as f64 / goal as f64 };
+            control.report(part.max(control.time_fraction()), shot.photons);
+            if shot.batches >= 2 && control.late() && shot.batches < goal {
+                shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
+                return Ok(());
+            }
+        }
+        let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
+        let (noise, bias) = settle::relative_error(plan, views, shot, occupancy, control);
+        if noise.hypot(bias) <= target {
+            shot.stopped = Stopped::TargetError;
+            return Ok(());
+        }
+        if bias > 0.9 * target && noise <= target {
+            shot.stopped = Stopped::TargetError;
+            shot.warning = Some(format!(
+                "target_error = {target} is out of reach: the bias of the voxels' size is {bias:.2e} (noise {noise:.2e}), \
+                 which more photons do not cure, but smaller voxels do"
+            ));
+            return Ok(());
+        }
+        // Noise falls as the root of the photons; no more than eightfold at once, for it is itself an estimate.
+        let room = (target * target - bias * bias).max(0.19 * target * target);
+        let factor = (noise * noise / room * 1.05).clamp(1.1, 8.0);
+        goal = ((shot.batches as f64 * factor) as u64).div_ceil(round) * round;
+    }
+}

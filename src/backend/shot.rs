@@ -1,0 +1,159 @@
+//! What the photons of a run leave: moments of voxels, replicates, energies; and how a batch is folded into them.
+
+use super::cpu::angular::Towards;
+use super::cpu::shoot::Energies;
+use crate::plan::{Layer, Plan};
+use crate::result::Stopped;
+use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
+use rayon::prelude::*;
+
+/// What the photons left.
+#[derive(Debug)]
+pub struct Shot {
+    /// Fluence of all tallied orders.
+    pub fluence: Moments,
+    /// J of all tallied orders (absent where it is the fluence over 4 pi).
+    pub source: Moments,
+    /// J of incident order 0, summed over batches.
+    pub source0: Vec<f64>,
+    /// Sums of the replicates, one volume each, of J or its harmonics.
+    pub subvolumes: Vec<Vec<f32>>,
+    /// Batches in each replicate.
+    pub subvolume_batches: Vec<u64>,
+    /// Energies of each batch, and the power that a weight of 1 stands for.
+    pub energies: Vec<(Energies, f64, u64)>,
+    /// Finished batches.
+    pub batches: u64,
+    /// Photons walked.
+    pub photons: u64,
+    /// Why it ended.
+    pub stopped: Stopped,
+    /// What the user should know.
+    pub warning: Option<String>,
+}
+
+impl Shot {
+    /// Nothing yet.
+    pub fn new(plan: &Plan) -> Self {
+        let values = if plan.shoots() { plan.scene.medium.volume.voxels() * plan.channels } else { 0 };
+        let has = |layer| plan.layers.contains(&layer);
+        let keeps = plan.keeps_moments() && !plan.layers.is_empty();
+        // Of harmonics only what they send to the eye of the run has a variance, for the voxels' radiance.
+        let wants_source =
+            keeps && plan.wants_source() && !plan.one_moment() && (plan.settings.radiance || plan.width() == 1);
+        let wants_fluence = keeps && (plan.settings.fluence || plan.one_moment());
+        let sampled0 = has(Layer::Unscattered) || has(Layer::EyeUnscattered) || has(Layer::HarmonicsUnscattered);
+        Shot {
+            fluence: Moments::new(if wants_fluence { values } else { 0 }),
+            source: Moments::new(if wants_source { values } else { 0 }),
+            source0: vec![0.0; if sampled0 && plan.wants_source() { values * plan.width() } else { 0 }],
+            subvolumes: vec![vec![0.0; values * plan.width()]; plan.sums()],
+            subvolume_batches: vec![0; plan.sums()],
+            energies: Vec::new(),
+            batches: 0,
+            photons: 0,
+            stopped: Stopped::Photons,
+            warning: None,
+        }
+    }
+}
+
+/// Bin units per weight * length: a typical deposit is 65,536 units, one along a voxel at most 2^24.
+pub fn bin_unit(plan: &Plan) -> f64 {
+    let h = plan.scene.medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    let free = 1.0 / plan.scene.medium.max_sigma_t().max(1e-30);
+    (REFERENCE_UNITS / h.min(free)).min(16_777_216.0 / h)
+}
+
+/// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
+pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
+    // Whole voxels, of 1 or 3 channels.
+    const BLOCK: usize = 3 << 9;
+    if bins.is_empty() {
+        return;
+    }
+    let scale = scale / plan.scene.medium.volume.voxel_volume();
+    let isotropic = plan.scene.medium.phase.is_isotropic();
+    let per_sphere = 0.25 * std::f64::consts::FRAC_1_PI;
+    let count = shot.batches;
+    let replicates = plan.sums();
+    let width = plan.width();
+    let toward = plan.harmonics.map(|order| Towards::new(plan.scene, &plan.scene.camera, order));
+    let replicate = if replicates > 0 { ((count - 1) % replicates as u64) as usize } else { 0 };
+    if replicates > 0 {
+        shot.subvolume_batches[replicate] += 1;
+    }
+    let subvolume: &mut [f32] = if replicates > 0 { &mut shot.subvolumes[replicate] } else { &mut [] };
+    let values = plan.scene.medium.volume.voxels() * plan.channels;
+    // Quantities that this plan does not keep have no values: their blocks are empty.
+    let blocks = values.div_ceil(BLOCK);
+    let mut drains: Vec<Vec<(Layer, Block)>> = (0..blocks).map(|_| Vec::new()).collect();
+    for (layer, sets) in plan.layers.iter().zip(bins) {
+        for set in sets {
+            drains
+                .iter_mut()
+                .zip(set.blocks(BLOCK * plan.width_of(*layer)))
+                .for_each(|(list, block)| list.push((*layer, block)));
+        }
+    }
+    let fluence = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
+    let source = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
+    let source0 = pad(shot.source0.chunks_mut(BLOCK * width), blocks);
+    let subvolume = pad(subvolume.chunks_mut(BLOCK * width), blocks);
+    drains.into_par_iter().zip(fluence).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
+        |(at, ((((mut drains, fluence), source), source0), subvolume))| {
+            let len = BLOCK.min(values - at * BLOCK);
+            // Fluence, J of incident order 0, and J of all orders that images see; those that somebody wants.
+            let wanted = [fluence.is_some(), source0.is_some(), source.is_some() || subvolume.is_some()];
+            let widths = [1, width, width];
+            let mut sums = [0, 1, 2].map(|i| vec![0.0f64; if wanted[i] { len * widths[i] } else { 0 }]);
+            let mut units = vec![0.0f64; len * width];
+            let mut any = false;
+            for same in drains.chunk_by_mut(|a, b| a.0 == b.0) {
+                // Whole units of all threads together, which are exact; then the scale.
+                let layer = same[0].0;
+                let units = &mut units[..len * plan.width_of(layer)];
+                units.fill(0.0);
+                if !same.iter_mut().fold(false, |any, (_, block)| block.drain(units) | any) {
+                    continue;
+                }
+                any = true;
+                let goes: &[(usize, f64)] = match layer {
+                    Layer::Unscattered => &[(0, 1.0), (1, per_sphere), (2, per_sphere)],
+                    Layer::Inner if isotropic => &[(0, 1.0), (2, per_sphere)],
+                    Layer::Inner | Layer::Last => &[(0, 1.0)],
+                    Layer::EyeUnscattered | Layer::HarmonicsUnscattered => &[(1, 1.0), (2, 1.0)],
+                    Layer::Eye | Layer::Harmonics => &[(2, 1.0)],
+                };
+                for &(to, factor) in goes {
+                    sums[to].iter_mut().zip(units.iter()).for_each(|(sum, x)| *sum += x * (factor * scale));
+                }
+            }
+            if let Some((mean, m2)) = fluence {
+                Moments::update(mean, m2, count, &sums[0]);
+            }
+            if let Some((mean, m2)) = source {
+                match &toward {
+                    Some(toward) => {
+                        let first = at * BLOCK / plan.channels;
+                        Moments::update(mean, m2, count, &toward.contract_part(first, &sums[2], plan.channels));
+                    }
+                    None => Moments::update(mean, m2, count, &sums[2]),
+                }
+            }
+            if let Some(sum) = source0.filter(|_| any) {
+                sum.iter_mut().zip(&sums[1]).for_each(|(sum, x)| *sum += x);
+            }
+            if let Some(sum) = subvolume.filter(|_| any) {
+                sum.iter_mut().zip(&sums[2]).for_each(|(sum, x)| *sum += *x as f32);
+            }
+        },
+    );
+}
+
+/// The items, followed by `None` up to `len`.
+pub fn pad<T>(items: impl Iterator<Item = T>, len: usize) -> Vec<Option<T>> {
+    let mut list: Vec<Option<T>> = items.map(Some).collect();
+    list.resize_with(len, || None);
+    list
+}
