@@ -113,6 +113,14 @@ impl Camera {
         }
     }
 
+    /// The direction ahead, and what a pixel to the right and one down add to it: to the direction of a ray not yet of
+    /// unit length, or, where rays are parallel, to its start.
+    pub fn axes(&self) -> [[f64; 3]; 3] {
+        let (Projection::Perspective { half_width } | Projection::Orthographic { half_width }) = self.projection;
+        let pixel = 2.0 * half_width / self.resolution[0] as f64;
+        [self.forward, self.right.map(|c| pixel * c), self.up.map(|c| -pixel * c)]
+    }
+
     /// The columns and rows of pixels outside of which nothing of a box is seen: (first, last + 1) of each.
     pub fn window(&self, low: [f64; 3], size: [f64; 3]) -> [(usize, usize); 2] {
         let corners = (0..8).map(|i| self.project(std::array::from_fn(|a| low[a] + size[a] * f64::from(i >> a & 1))));

@@ -8,12 +8,12 @@ use rayon::prelude::*;
 
 /// The weights p_l Y_lm(to the eye) of a voxel's harmonics.
 pub struct Towards {
-    order: usize,
+    pub(crate) order: usize,
     /// p_l of each harmonic.
-    moments: Vec<f32>,
-    eye: LocalEye,
-    h: [f32; 3],
-    n: [usize; 3],
+    pub(crate) moments: Vec<f32>,
+    pub(crate) eye: LocalEye,
+    pub(crate) h: [f32; 3],
+    pub(crate) n: [usize; 3],
 }
 
 impl Towards {

@@ -128,6 +128,15 @@ fn gather<const C: usize, const S: usize>(
     look(if whole { view.whole() } else { view }, camera, pixels, stop)
 }
 
+/// The image of a grey scene, or of one in three channels, with one replicate, cell by cell.
+#[cfg(all(test, feature = "gpu"))]
+pub fn by_cells(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>) -> Image {
+    fn with<const C: usize>(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>) -> Image {
+        look(View::<C, C> { even: false, ..View::new(volumes) }.whole(), camera, pixels, &|| false)
+    }
+    if volumes.channels == 1 { with::<1>(volumes, camera, pixels) } else { with::<3>(volumes, camera, pixels) }
+}
+
 /// The image of a view.
 pub(super) fn look<const C: usize, const S: usize>(
     mut view: View<C, S>,
@@ -181,6 +190,29 @@ pub(super) fn look<const C: usize, const S: usize>(
             }
         });
     image
+}
+
+/// Rays per axis of all pixels, or of the given ones.
+pub fn rays_per_axis(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>) -> Vec<u8> {
+    let view = View::<1, 1>::new(volumes);
+    let [width, height] = camera.resolution;
+    let fine = samples_per_axis(volumes.scene, camera);
+    let corners = pixels.is_none().then(|| view.corner_hits(camera));
+    let count = pixels.map_or(width * height, <[usize]>::len);
+    (0..count)
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|at| {
+            let pixel = pixels.map_or(at, |list| list[at]);
+            let (x, y) = (pixel % width, pixel / width);
+            let hits = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| match &corners {
+                Some(hits) => hits[(y + v) * (width + 1) + x + u],
+                None => view.hits(camera, x + u, y + v),
+            });
+            let centre = view.range(camera, x as f64 + 0.5, y as f64 + 0.5);
+            view.rays_per_axis(camera, centre.as_ref(), hits, fine) as u8
+        })
+        .collect()
 }
 
 /// Rays per pixel and axis: as many as voxels that a pixel spans, so that a pixel is the mean over its area.
@@ -279,16 +311,22 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         hits
     }
 
-    /// The mean over the pixel with the upper left corner (x, y), of whose corners some meet the box.
+    /// Rays per axis of a pixel with the given ray through its centre, of whose corners some meet the box.
     #[inline(always)]
-    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), hits: [bool; 4], fine: usize) -> Pixel<C, S> {
+    fn rays_per_axis(&self, camera: &Camera, centre: Option<&Ray>, hits: [bool; 4], fine: usize) -> usize {
         let edge = hits.contains(&true) && hits.contains(&false);
-        let centre = self.range(camera, x + 0.5, y + 0.5);
-        let bright = match &centre {
+        let bright = match centre {
             Some(ray) => self.volumes.lights.iter().map(|light| self.sees(camera, ray, light)).fold(1, usize::max),
             None => 1,
         };
-        let n = fine.max(if edge { 8 } else { 1 }).max(bright);
+        fine.max(if edge { 8 } else { 1 }).max(bright)
+    }
+
+    /// The mean over the pixel with the upper left corner (x, y), of whose corners some meet the box.
+    #[inline(always)]
+    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), hits: [bool; 4], fine: usize) -> Pixel<C, S> {
+        let centre = self.range(camera, x + 0.5, y + 0.5);
+        let n = self.rays_per_axis(camera, centre.as_ref(), hits, fine);
         let finer = self.backdrop.as_ref().map_or(1, |backdrop| backdrop.samples(camera).div_ceil(n));
         let mut mean =
             Pixel { order1: [0.0; C], source: [0.0; S], through: [0.0; C], emitted: [0.0; C], background: [0.0; C] };

@@ -5,8 +5,11 @@
 //! photon draws them, are those of the CPU.
 
 pub mod adapter;
+pub mod angular;
 pub mod device;
 pub mod emit;
+pub mod gather;
+pub mod grid;
 pub mod kernel;
 pub mod lights;
 pub mod path;

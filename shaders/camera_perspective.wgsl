@@ -1,0 +1,6 @@
+// All rays start at the eye.
+
+// The width of a pixel at the given distance from the eye.
+fn pixel_width(distance: f32) -> f32 {
+    return view.pixel * distance;
+}

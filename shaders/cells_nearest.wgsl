@@ -1,0 +1,18 @@
+// The cells are voxels, within which the density is constant.
+
+alias Contents = f32;
+
+// The walk over the cells that a line crosses.
+fn walk_cells(p: vec3<f32>, v: vec3<f32>) -> Dda {
+    return dda(p, v, vec3(0), scene.n);
+}
+
+// What a cell holds.
+fn contents_of(cell: vec3<i32>) -> Contents {
+    return scene.texel * texel(density, cell);
+}
+
+// The density at a point of a cell.
+fn density_in(contents: Contents, cell: vec3<i32>, p: vec3<f32>) -> f32 {
+    return contents;
+}

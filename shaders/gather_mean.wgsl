@@ -1,0 +1,29 @@
+// The means over pixels: sums over their rays, always in the same order.
+
+struct Pixel {
+    order1: vec3<f32>,
+    spare: f32,
+    transmittance: vec3<f32>,
+    spare_too: f32,
+    source: vec4<f32>,
+}
+
+@group(0) @binding(28) var<storage, read_write> means: array<Pixel>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let at = id.y * groups.x * 64u + id.x;
+    if at >= job.pixels {
+        return;
+    }
+    let count = rays_per_pixel();
+    let weight = 1.0 / f32(count);
+    var mean = Pixel(vec3(0.0), 0.0, vec3(0.0), 0.0, vec4(0.0));
+    for (var i = 0u; i < count; i++) {
+        let s = sums[at * count + i];
+        mean.order1 += weight * s.order1;
+        mean.transmittance += weight * rgb(expos(-spectrum(scene.extinction) * s.column));
+        mean.source += weight * s.source;
+    }
+    means[at] = mean;
+}

@@ -1,0 +1,43 @@
+// A view ray on its way, from one dispatch to the next.
+
+struct Job {
+    // Rays of this batch, and rays per pixel and axis.
+    rays: u32,
+    samples: u32,
+    // Steps of a dispatch, and 1 in the first.
+    steps: u32,
+    begin: u32,
+    // Lights that there are.
+    lights: u32,
+    // Pixels of this batch.
+    pixels: u32,
+    spare: vec2<u32>,
+    // The channels of four values of the source volume.
+    channels: vec4<u32>,
+}
+
+struct Sums {
+    // The cell that it is in, and how far it has come.
+    cell: vec3<i32>,
+    t: f32,
+    // Where it crosses the cell's next faces, and the column density so far.
+    next: vec3<f32>,
+    column: f32,
+    // Order 1 so far, and the part of the cell that is due.
+    order1: vec3<f32>,
+    part: u32,
+    // Four values of the source volume so far.
+    source: vec4<f32>,
+    // The light that is due, and 1 where it has ended.
+    light: u32,
+    over: u32,
+    spare: vec2<u32>,
+}
+
+@group(0) @binding(5) var<uniform> job: Job;
+@group(0) @binding(20) var<storage, read_write> sums: array<Sums>;
+
+// Rays of a pixel.
+fn rays_per_pixel() -> u32 {
+    return job.samples * job.samples;
+}
