@@ -30,7 +30,7 @@ fn scattered(f: ptr<function, Flight>) -> Spectrum {
         if light.check < 1.0 {
             let chance = correction(f, light.check);
             if chance > 0.0 {
-                arrives += (through(light_ray(light, p, at)) - arrives) / chance;
+                arrives += (through(light_ray(p, at)) - arrives) / chance;
             }
         }
         sum += spectrum(light.value) * scale * arrives;

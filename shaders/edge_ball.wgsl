@@ -23,6 +23,8 @@ fn leave(p: vec3<f32>, v: vec3<f32>) -> Leave {
 fn contains(p: vec3<f32>) -> bool {
     let r = p - 0.5;
     return r.x * r.x + r.y * r.y + r.z * r.z < 0.25;
+}
+
 // (entry, exit) parameters of the line p + t v; it misses unless entry < exit.
 fn meet(p: vec3<f32>, v: vec3<f32>) -> vec2<f32> {
     return ball_range(p, v, 0.5);

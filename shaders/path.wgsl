@@ -11,6 +11,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     var path = paths[slot];
     var flight = path.flight;
+    if path.state == NEW {
+        path.ray = slot;
+        path.state = VIEWS;
+    }
     var collisions = 0u;
     for (var step = 0u; step < job.steps && path.state != OVER; step++) {
         if path.state == NEXT && path.begun == STARTS {

@@ -57,20 +57,21 @@ struct Job {
 // Slots that are not over, and real collisions.
 @group(0) @binding(21) var<storage, read_write> counters: array<atomic<u32>, 2>;
 // What each view ray sees: light that was scattered once, and more often, channel by channel.
-@group(0) @binding(24) var<storage, read_write> seen: array<f32>;
+@group(0) @binding(25) var<storage, read_write> seen: array<f32>;
 
 // Paths per view ray, and whether they begin at collisions drawn from a walk along it, or where it enters.
 override STARTS: u32 = 4u;
 override WALKED: bool = true;
 
-// What is to happen to a slot: it takes its next view ray, or the ray's next path; that collides; it flies; it pauses within
-// a flight; the slot has no rays left.
-const VIEWS = 0u;
-const NEXT = 1u;
-const HITS = 2u;
-const FLIGHT = 3u;
-const PAUSED = 4u;
-const OVER = 5u;
+// What is to happen to a slot: it is new; it takes its next view ray, or the ray's next path; that collides; it flies; it
+// pauses within a flight; the slot has no rays left.
+const NEW = 0u;
+const VIEWS = 1u;
+const NEXT = 2u;
+const HITS = 3u;
+const FLIGHT = 4u;
+const PAUSED = 5u;
+const OVER = 6u;
 
 // Adds light of a scattering order.
 fn see(path: ptr<function, Path>, order: u32, light: Spectrum) {

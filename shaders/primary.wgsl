@@ -50,13 +50,13 @@ fn look(path: ptr<function, Path>) {
     (*path).state = NEXT;
     // A ray that meets nothing has no paths.
     (*path).begun = STARTS;
-    let ray = view_ray(pixel, place.xy);
+    let ray = view_ray(pixel.y * job.resolution.x + pixel.x, place.xy);
     if ray.length <= 0.0 || place.z == 0.0 {
         return;
     }
     (*path).entry = ray.p;
     (*path).length = ray.length;
-    (*path).direction = ray.d;
+    (*path).direction = ray.direction;
     (*path).opacity = vec3(1.0);
     if WALKED {
         let column = column(ray.p, ray.v, ray.length, scene.enough);
@@ -115,7 +115,11 @@ fn start_of(path: ptr<function, Path>, k: u32, word: vec4<u32>) -> Start {
     start.value = spectrum((*path).opacity) / (*path).top;
     start.chance = Spectrum(1.0);
     if HEROES > 1u {
-        start.chance = first_chances(path, start.column);
+        start.chance = spectrum(vec3(
+            first_chance(path, 0u, start.column),
+            first_chance(path, 1u, start.column),
+            first_chance(path, 2u, start.column),
+        ));
     }
     start.xi = (f32(k) + unit(word.z)) / f32(STARTS);
     start.word = word.w;

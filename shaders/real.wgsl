@@ -86,6 +86,25 @@ fn sin_cos_turn(x: f32) -> vec2<f32> {
     return bitcast<vec2<f32>>(bitcast<vec2<u32>>(magnitudes) ^ signs);
 }
 
+// atan2(y, x) within [-pi, pi] (Moshier 1989: atanf).
+fn angle(y: f32, x: f32) -> f32 {
+    let short = min(abs(x), abs(y));
+    let long = max(abs(x), abs(y));
+    // The ratio, or beyond tan(pi / 8) that of the angle less pi / 4.
+    let beyond = short > 0.41421357 * long;
+    let t = select(short, short - long, beyond) / max(select(long, short + long, beyond), 1.1754944e-38);
+    let z = t * t;
+    var a = 8.053744e-2;
+    a = a * z - 1.3877685e-1;
+    a = a * z + 1.9977711e-1;
+    a = a * z - 3.3332950e-1;
+    a = a * z * t + t;
+    a = select(a, a + 0.7853982, beyond);
+    a = select(a, 1.5707964 - a, abs(y) > abs(x));
+    a = select(a, 3.1415927 - a, bitcast<i32>(x) < 0);
+    return bitcast<f32>(bitcast<u32>(a) | (bitcast<u32>(y) & 0x80000000u));
+}
+
 // The cell [i, i + 1) that holds x, 0 <= x < 2^22; an integer may count to the cell below it (0 does not).
 fn cell(x: f32) -> i32 {
     return i32(round(x - 0.5));

@@ -21,7 +21,7 @@ fn run(scene: &Scene, settings: &Settings, device: &Device) -> Outcome {
 /// Runs a scene on both, and compares.
 fn compare(name: &str, scene: &Scene, settings: &Settings) {
     let gpu = Device::Gpu(Gpu::open("").expect("an adapter"));
-    let settings = Settings { method: Some(Method::Path), ..settings.clone() };
+    let settings = Settings { method: Some(Method::Path), fluence: false, radiance: false, ..settings.clone() };
     let start = std::time::Instant::now();
     let cpu = run(scene, &settings, &Device::Cpu);
     let cpu_seconds = start.elapsed().as_secs_f64();

@@ -28,7 +28,7 @@ pub trait Shooter {
 /// Runs a plan.
 pub fn run(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
     cpu::with_threads(plan.settings.threads, || {
-        if plan.paths.is_some() { path::run(plan, control) } else { run_here(plan, device, control) }
+        if plan.paths.is_some() { path::run(plan, device, control) } else { run_here(plan, device, control) }
     })?
 }
 

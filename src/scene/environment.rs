@@ -81,6 +81,16 @@ impl Map {
         self.channels
     }
 
+    /// All values, row by row from +z down, channels fastest.
+    pub fn texels(&self) -> &[f32] {
+        &self.texels
+    }
+
+    /// The importance that directions are drawn by, as [`Table::ends`].
+    pub fn importance(&self) -> [Vec<u32>; 2] {
+        self.importance.ends()
+    }
+
     /// The largest value of each channel.
     pub fn max(&self) -> [f64; 3] {
         let top =
@@ -208,7 +218,7 @@ impl Map {
     }
 
     /// Solid angle of each texel of a row.
-    fn solid_angle(&self, row: usize) -> f64 {
+    pub fn solid_angle(&self, row: usize) -> f64 {
         let half = 0.5 * PI / self.height as f64;
         let middle = PI * (row as f64 + 0.5) / self.height as f64;
         2.0 * PI / self.width as f64 * 2.0 * middle.sin() * half.sin()

@@ -1,6 +1,7 @@
 //! Path tracing on the GPU: the view rays of a pass in jobs, whose slots take ray after ray, each with all of its paths.
 
 use super::device::Gpu;
+use super::gather::View;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
 use super::scene::GpuScene;
@@ -10,7 +11,6 @@ use crate::backend::cpu::path::walk::PATH;
 use crate::backend::cpu::path::{Passes, Rays, Sums};
 use crate::error::Result;
 use crate::physics::rng::split;
-use crate::scene::{Camera, Volume};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 use std::sync::Arc;
@@ -38,26 +38,6 @@ struct Job {
 struct Image {
     pixel: [i32; 2],
     place: [f32; 2],
-}
-
-/// `Camera` of `shaders/view.wgsl`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-struct View {
-    centre: [f32; 3],
-    distance: f32,
-    right: [f32; 3],
-    spare: u32,
-    down: [f32; 3],
-    spare_1: u32,
-    forward: [f32; 3],
-    spare_2: u32,
-    aside: [f32; 3],
-    spare_3: u32,
-    below: [f32; 3],
-    spare_4: u32,
-    middle: [i32; 2],
-    part: [f32; 2],
 }
 
 /// Bytes of `Path` of `shaders/paths.wgsl`, with three channels.
@@ -99,18 +79,16 @@ impl<'a> Paths<'a> {
         scene.update(gpu, |constants| {
             constants.seed = split(plan.settings.seed);
             constants.last = plan.orders;
-            constants.free_path = course.free_path;
-            constants.top_extinction = course.extinction;
-            if let Some(cells) = &course.cells {
-                constants.block = cells.block as i32;
-                constants.cells = cells.n;
+            constants.free_path = course.free_path();
+            if let Some((block, n, _)) = course.majorants() {
+                (constants.block, constants.cells) = (block as i32, n);
             }
         });
         let far = connections.far.iter().map(|light| (&light.view, light.check));
         let lights = Lights::new(gpu, far.chain(connections.near.iter().map(|view| (view, 1.0))))?;
-        let mut files = vec!["path", "paths", "primary", "view", "connect", "light", "flights", "path_flights"];
+        let mut files = vec!["path", "paths", "primary", "camera", "connect", "light", "flights", "path_flights"];
         files.push(if course.certain { "accept_all" } else { "accept_some" });
-        files.push(if course.cells.is_some() { "flights_cells" } else { "flights_one" });
+        files.push(if course.majorants().is_some() { "flights_cells" } else { "flights_one" });
         files.push(if plan.scene.medium.phase.is_isotropic() { "turn_isotropic" } else { "turn_phase" });
         let volume = &plan.scene.medium.volume;
         files.push(match (volume.is_constant(), volume.linear()) {
@@ -142,13 +120,13 @@ impl<'a> Paths<'a> {
             images: images.len() as u32,
             ..Job::default()
         };
-        let majorants = course.cells.as_ref().map_or(&[][..], |cells| &cells.majorant);
+        let majorants = course.majorants().map_or(&[][..], |(_, _, values)| values);
         Ok(Paths {
             gpu,
             rays,
             majorants: gpu.buffer(majorants)?,
             images: gpu.buffer(&seen_at)?,
-            view: gpu.uniform(&view(&plan.scene.camera, volume))?,
+            view: gpu.uniform(&View::new(plan.scene, &plan.scene.camera))?,
             job: gpu.uniform(&common)?,
             state: gpu.empty(STATE * u64::from(slots))?,
             counters: gpu.empty(8)?,
@@ -168,7 +146,7 @@ impl<'a> Paths<'a> {
         for (name, buffer) in [
             ("majorants", &self.majorants),
             ("images", &self.images),
-            ("camera", &self.view),
+            ("view", &self.view),
             ("job", &self.job),
             ("paths", &self.state),
             ("counters", &self.counters),
@@ -234,33 +212,4 @@ fn image(place: &[f64; 2]) -> Image {
     // Those far off the image are near no pixel.
     let place = place.map(|c| c.clamp(-1e6, 1e6));
     Image { pixel: place.map(|c| c.floor() as i32), place: place.map(|c| (c - c.floor()) as f32) }
-}
-
-/// A camera for `shaders/view.wgsl`.
-fn view(camera: &Camera, volume: &Volume) -> View {
-    let (h, size, forward) = (volume.spacing(), volume.size(), camera.forward());
-    let (steps, parallel) = camera.pixel_steps();
-    let eye = volume.local(camera.origin);
-    let to: [f64; 3] = std::array::from_fn(|a| 0.5 * size[a] - eye[a]);
-    let radius = 0.5 * size.iter().map(|s| s * s).sum::<f64>().sqrt();
-    let depth = (0..3).map(|a| to[a] * forward[a]).sum::<f64>();
-    // A plane at or behind the eye of a perspective has no picture.
-    let distance = if parallel { depth } else { depth.max(radius) };
-    let voxels = |v: [f64; 3]| -> [f32; 3] { std::array::from_fn(|a| (v[a] / h[a]) as f32) };
-    let scale = if parallel { 1.0 } else { distance };
-    let [right, down] = steps.map(|step| voxels(step.map(|c| c * scale)));
-    let [aside, below] = steps.map(|step| if parallel { [0.0; 3] } else { step.map(|c| c as f32) });
-    let middle = camera.resolution.map(|m| m as i32 / 2);
-    View {
-        centre: voxels(std::array::from_fn(|a| eye[a] + distance * forward[a])),
-        distance: distance as f32,
-        right,
-        down,
-        forward: forward.map(|c| c as f32),
-        aside,
-        below,
-        middle,
-        part: std::array::from_fn(|a| (0.5 * camera.resolution[a] as f64 - f64::from(middle[a])) as f32),
-        ..View::default()
-    }
 }

@@ -3,26 +3,32 @@
 use crate::error::{Error, Result};
 
 macro_rules! shaders {
-    ($($name:literal)*) => {
+    ($list:ident: $($name:literal)*) => {
         /// Names and texts.
-        pub const ALL: &[(&str, &str)] = &[
+        const $list: &[(&str, &str)] = &[
             $(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))),)*
         ];
     };
 }
 
 shaders! {
+    ALL:
     "accept_all" "accept_some" "albedo_constant" "albedo_voxels" "angular" "angular_eye" "angular_harmonics"
     "angular_nothing" "camera" "camera_orthographic" "camera_perspective" "cells_constant" "cells_linear"
     "cells_nearest" "channels_1" "channels_3" "connect" "counters" "density_constant" "density_voxels" "deposit"
     "edge_ball" "edge_box" "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame" "gather"
     "gather_close" "gather_mean" "gather_ray" "harmonics" "interpolate" "light" "line" "lookup" "lookup_linear"
-    "lookup_nearest" "maps_none" "near_none" "path" "path_flights" "paths" "phase" "phase_hg" "phase_isotropic"
+    "lookup_nearest" "map" "maps_none" "near_none" "path" "path_flights" "paths" "phase" "phase_hg" "phase_isotropic"
     "phase_rayleigh" "phase_tabulated" "photons" "primary" "reach_constant" "reach_linear" "reach_nearest" "real" "rng"
     "shoot" "source0_none" "source0_voxels" "source_none" "source_voxels" "start" "start_directional"
     "start_environment" "start_first" "start_medium" "start_pencil" "start_point" "table" "tables" "tally"
     "turn_isotropic" "turn_phase" "wide"
 }
+
+#[cfg(test)]
+shaders! { TESTS: "tests/map" }
+#[cfg(not(test))]
+shaders! { TESTS: }
 
 /// The text of a file.
 pub fn read(name: &str) -> Result<String> {
@@ -30,6 +36,6 @@ pub fn read(name: &str) -> Result<String> {
         let path = std::path::Path::new(&folder).join(format!("{name}.wgsl"));
         return std::fs::read_to_string(&path).map_err(|e| Error::Internal(format!("{}: {e}", path.display())));
     }
-    let found = ALL.iter().find(|(one, _)| *one == name);
+    let found = ALL.iter().chain(TESTS).find(|(one, _)| *one == name);
     found.map(|(_, text)| (*text).to_string()).ok_or_else(|| Error::Internal(format!("there is no shader {name:?}")))
 }

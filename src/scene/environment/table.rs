@@ -13,6 +13,9 @@ pub struct Table {
 }
 
 impl Table {
+    /// The whole of integer parts.
+    pub const UNIT: u32 = 1 << 31;
+
     pub fn new(width: usize, height: usize, mass: impl Fn(usize, usize) -> f64 + Sync) -> Self {
         let mut cells = vec![0.0; width * height];
         cells.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
@@ -47,9 +50,40 @@ impl Table {
         pick(&self.cells[row * self.width..(row + 1) * self.width], v)
     }
 
+    /// The ends of the rows, and of the cells within each, in parts of [`Table::UNIT`]. A chance that is a difference of
+    /// them is what it is exactly, to 2^-31 the one by mass, and not 0 where there is mass. All is in the first cell where
+    /// there is none.
+    pub fn ends(&self) -> [Vec<u32>; 2] {
+        let mut rows = vec![0; self.rows.len()];
+        whole(&self.rows, &mut rows);
+        let mut cells = vec![0; self.cells.len()];
+        let lines = cells.par_chunks_mut(self.width).zip(self.cells.par_chunks(self.width));
+        lines.for_each(|(ends, sums)| whole(sums, ends));
+        [rows, cells]
+    }
+
     pub fn mass(&self, row: usize, column: usize) -> f64 {
         let at = row * self.width + column;
         self.cells[at] - if column > 0 { self.cells[at - 1] } else { 0.0 }
+    }
+}
+
+/// The ends of the parts of a running sum in integers, the last at [`Table::UNIT`]: each part that adds something is one
+/// at least.
+fn whole(sums: &[f64], ends: &mut [u32]) {
+    let total = sums.last().copied().unwrap_or(0.0);
+    if total == 0.0 {
+        ends.fill(Table::UNIT);
+        return;
+    }
+    let adds = |at: usize| u32::from(sums[at] > if at > 0 { sums[at - 1] } else { 0.0 });
+    let mut rest: u32 = (0..sums.len()).map(adds).sum();
+    let mut before = 0;
+    for (at, end) in ends.iter_mut().enumerate() {
+        rest -= adds(at);
+        let near = (sums[at] / total * f64::from(Table::UNIT)).round() as u32;
+        *end = near.max(before + adds(at)).min(Table::UNIT - rest);
+        before = *end;
     }
 }
 
