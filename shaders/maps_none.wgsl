@@ -3,7 +3,7 @@
 const HAS_MAPS = false;
 
 // What maps add at a vertex.
-fn maps(path: ptr<function, Path>, f: ptr<function, Flight>) {}
+fn connect_maps(path: ptr<function, Path>, f: ptr<function, Flight>) {}
 
 // What a path meets that leaves the volume.
 fn met(d: vec3<f32>, chance: f32) -> Spectrum {

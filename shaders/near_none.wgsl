@@ -4,4 +4,4 @@
 fn near_view(path: ptr<function, Path>, start: Start) {}
 
 // What they add at a vertex.
-fn near_lights(path: ptr<function, Path>, f: ptr<function, Flight>) {}
+fn connect_near(path: ptr<function, Path>, f: ptr<function, Flight>) {}

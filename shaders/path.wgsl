@@ -77,9 +77,9 @@ fn collide(path: ptr<function, Path>, f: ptr<function, Flight>) -> bool {
         (*path).weights.value *= 1.0 / SURVIVAL;
     }
     if order < scene.last {
-        near_lights(path, f);
+        connect_near(path, f);
     }
-    maps(path, f);
+    connect_maps(path, f);
     if order == scene.last && !SEES_OUT {
         return true;
     }

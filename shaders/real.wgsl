@@ -105,6 +105,23 @@ fn angle(y: f32, x: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(a) | (bitcast<u32>(y) & 0x80000000u));
 }
 
+// Tangent within [-pi / 2, pi / 2] (Moshier 1989: tanf).
+fn tangent(x: f32) -> f32 {
+    // Beyond pi / 4 from what is left to pi / 2, which is the sum of two numbers.
+    let steep = abs(x) > 0.7853982;
+    let rest = select(abs(x), (FRAC_PI_2 - abs(x)) - 4.371139e-8, steep);
+    let z = rest * rest;
+    var y = 9.385402e-3;
+    y = y * z + 3.1199223e-3;
+    y = y * z + 2.4430135e-2;
+    y = y * z + 5.3411281e-2;
+    y = y * z + 1.3338799e-1;
+    y = y * z + 3.3333157e-1;
+    y = y * z * rest + rest;
+    y = select(y, 1.0 / y, steep);
+    return select(y, -y, x < 0.0);
+}
+
 // The cell [i, i + 1) that holds x, 0 <= x < 2^22; an integer may count to the cell below it (0 does not).
 fn cell(x: f32) -> i32 {
     return i32(round(x - 0.5));

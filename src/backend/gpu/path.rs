@@ -4,6 +4,7 @@ use super::device::Gpu;
 use super::gather::View;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
+use super::map::Maps;
 use super::scene::GpuScene;
 use crate::backend::cpu::flights::{Course, Scored};
 use crate::backend::cpu::path::connect::Connections;
@@ -58,6 +59,7 @@ pub struct Paths<'a> {
     rays: &'a Rays<'a>,
     scene: GpuScene,
     lights: Lights,
+    maps: Maps,
     majorants: wgpu::Buffer,
     images: wgpu::Buffer,
     view: wgpu::Buffer,
@@ -97,7 +99,8 @@ impl<'a> Paths<'a> {
             (_, true) => "reach_linear",
         });
         files.push(if connections.near.is_empty() { "near_none" } else { "near_lights" });
-        files.push("maps_none");
+        let maps = Maps::new(gpu, connections.maps.iter().copied())?;
+        files.extend(if connections.maps.is_empty() { &["maps_none"][..] } else { &["maps_some", "map"] });
         let source = scene
             .source(&files)
             .with("PURPOSE", PATH)
@@ -105,6 +108,7 @@ impl<'a> Paths<'a> {
             .with("WALKED", u8::from(paths.walked))
             .with("FAR_LIGHTS", connections.far.len() as u32)
             .with("NEAR_LIGHTS", connections.near.len() as u32)
+            .with("MAPS", connections.maps.len() as u32)
             .with("SEES_OUT", u8::from(connections.has_background()))
             .with("EVENTS", if course.certain { 1 } else { 8 });
         let kernel = gpu.kernel(source)?;
@@ -133,6 +137,7 @@ impl<'a> Paths<'a> {
             seen: gpu.empty(8 * (RAYS * plan.channels) as u64)?,
             scene,
             lights,
+            maps,
             kernel,
             common,
         })
@@ -143,6 +148,7 @@ impl<'a> Paths<'a> {
     fn job(&self, job: &Job, halted: &dyn Fn() -> bool) -> Result<Option<(Vec<f32>, u64)>> {
         let mut bindings = self.scene.bindings();
         bindings.extend(self.lights.bindings());
+        bindings.extend(self.maps.bindings());
         for (name, buffer) in [
             ("majorants", &self.majorants),
             ("images", &self.images),

@@ -18,11 +18,11 @@ shaders! {
     "cells_nearest" "channels_1" "channels_3" "connect" "counters" "density_constant" "density_voxels" "deposit"
     "edge_ball" "edge_box" "end_fate" "end_nothing" "flight" "flights" "flights_cells" "flights_one" "frame" "gather"
     "gather_close" "gather_mean" "gather_ray" "harmonics" "interpolate" "light" "line" "lookup" "lookup_linear"
-    "lookup_nearest" "map" "maps_none" "near_none" "path" "path_flights" "paths" "phase" "phase_hg" "phase_isotropic"
-    "phase_rayleigh" "phase_tabulated" "photons" "primary" "reach_constant" "reach_linear" "reach_nearest" "real" "rng"
-    "shoot" "source0_none" "source0_voxels" "source_none" "source_voxels" "start" "start_directional"
-    "start_environment" "start_first" "start_medium" "start_pencil" "start_point" "table" "tables" "tally"
-    "turn_isotropic" "turn_phase" "wide"
+    "lookup_nearest" "map" "maps_none" "maps_some" "near_lights" "near_none" "path" "path_flights" "paths" "phase"
+    "phase_hg" "phase_isotropic" "phase_rayleigh" "phase_tabulated" "photons" "primary" "reach_constant" "reach_linear"
+    "reach_nearest" "real" "rng" "shoot" "source0_none" "source0_voxels" "source_none" "source_voxels" "start"
+    "start_directional" "start_environment" "start_first" "start_medium" "start_pencil" "start_point" "table" "tables"
+    "tally" "turn_isotropic" "turn_phase" "wide"
 }
 
 #[cfg(test)]
