@@ -4,8 +4,9 @@
 
 // The first ones of `lights` are those that every vertex is connected to.
 override FAR_LIGHTS: u32 = 0u;
-// Whether light is met on leaving the volume, and whether maps have some of it.
+// Whether light is met on leaving the volume, and whether it is there or on the way.
 override SEES_OUT: bool = false;
+override FLIES_OUT: bool = false;
 
 // Transmittance of a column density, by channel.
 fn through(column: f32) -> Spectrum {

@@ -36,3 +36,10 @@ fn add_share(copy: u32, share: u32, weight: Spectrum) {
         count_wide(copy * WORDS + 2u * (3u * share + c), wide_cut(channel(weight, c) * SIXTEEN));
     }
 }
+
+// Adds a weight to sums of two words.
+fn add_weight(sums: ptr<function, array<vec2<u32>, CHANNELS>>, weight: Spectrum) {
+    for (var c = 0u; c < CHANNELS; c++) {
+        (*sums)[c] = add64((*sums)[c], wide_cut(channel(weight, c) * SIXTEEN));
+    }
+}

@@ -5,35 +5,10 @@
 // What the random numbers are for.
 override PURPOSE: u32 = 0u;
 
-// Below this weight roulette is played, and survived with the chance SURVIVAL, which two random bits decide.
-const ROULETTE = 0.1;
-const SURVIVAL = 0.25;
-
 // How a flight went on: to a tentative collision, out of the medium, or to a cell's edge, from where it is to go on.
 const TENTATIVE = 0u;
 const LEFT = 1u;
 const FLYING = 2u;
-
-struct Flight {
-    // Voxel coordinates, and unit direction.
-    p: vec3<f32>,
-    d: vec3<f32>,
-    // The next tentative collision.
-    q: vec3<f32>,
-    // Whose random numbers it draws, and blocks of random words used.
-    index: vec2<u32>,
-    block: u32,
-    // Random words of this event.
-    word: vec4<u32>,
-    // A uniform number for the scattering angle.
-    xi: f32,
-    // What is left of the free flight, in optical depths of the majorant.
-    depth: f32,
-    // 1 / majorant where it is [length].
-    free_path: f32,
-    // Cell of the majorant grid.
-    at: vec3<i32>,
-}
 
 // The next four words, and the free flight that they begin with: up to 28 mean free paths, from 32 bits and ten more.
 fn draw_flight(f: ptr<function, Flight>) {

@@ -99,3 +99,29 @@ fn integral(field: texture_3d<f32>, p: vec3<f32>, v: vec3<f32>, end: f32, most: 
     }
     return sum;
 }
+
+// Where within [t0, t1] the integral from t0 reaches `goal`, in a cell that holds the line between them: Newton's method
+// kept within its bracket.
+fn invert(c: Corners, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32, goal: f32) -> f32 {
+    let start = corners_at(c, local(along(p, v, t0), cell));
+    var low = t0;
+    var high = t1;
+    var t = 0.5 * (t0 + t1);
+    for (var i = 0; i < 24; i++) {
+        let here = corners_at(c, local(along(p, v, t), cell));
+        let middle = corners_at(c, local(along(p, v, 0.5 * (t0 + t)), cell));
+        let sum = (start + 4.0 * middle + here) * ((t - t0) * (1.0 / 6.0)) - goal;
+        if sum > 0.0 {
+            high = t;
+        } else {
+            low = t;
+        }
+        let newton = t - sum / max(here, 1e-30);
+        let next = select(0.5 * (low + high), newton, newton > low && newton < high);
+        if abs(next - t) <= 1e-6 * (t1 - t0) {
+            return next;
+        }
+        t = next;
+    }
+    return t;
+}

@@ -12,7 +12,7 @@ const SKY = 16777216u;
 fn connect_maps(path: ptr<function, Path>, f: ptr<function, Flight>) {
     for (var i = 0u; i < MAPS; i++) {
         let light = under_map(i, (*f).p, (*f).d, connection_words(f, SKY + i));
-        see(path, (*path).order, carried((*path).weights) * light);
+        see(path, (*path).order, unbiased((*path).weights) * light);
     }
 }
 

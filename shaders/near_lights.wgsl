@@ -97,7 +97,7 @@ fn connect_near(path: ptr<function, Path>, f: ptr<function, Flight>) {
     for (var i = 0u; i < NEAR_LIGHTS; i++) {
         let word = connection_words(f, NEAR + i);
         let light = once_more(lights[FAR_LIGHTS + i], (*f).p, (*f).d, word);
-        see(path, (*path).order + 1u, carried((*path).weights) * light);
+        see(path, (*path).order + 1u, unbiased((*path).weights) * light);
     }
 }
 

@@ -60,7 +60,7 @@ fn show(path: ptr<function, Path>) {
 fn collide(path: ptr<function, Path>, f: ptr<function, Flight>) -> bool {
     draw_vertex(f);
     (*path).weights.value *= albedo_here(f);
-    let after = carried((*path).weights);
+    let after = unbiased((*path).weights);
     let top = largest(after);
     if top <= 0.0 || (*path).order >= scene.last {
         return true;
@@ -80,7 +80,7 @@ fn collide(path: ptr<function, Path>, f: ptr<function, Flight>) -> bool {
         connect_near(path, f);
     }
     connect_maps(path, f);
-    if order == scene.last && !SEES_OUT {
+    if order == scene.last && !FLIES_OUT {
         return true;
     }
     (*path).chance = scatter(f);

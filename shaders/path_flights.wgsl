@@ -1,27 +1,11 @@
 // Paths by null-collision flights whose collisions all channels share: four random words an event.
 
-struct Weights {
-    value: Spectrum,
-}
-
-// The weight in each channel.
-fn carried(w: Weights) -> Spectrum {
-    return w.value;
-}
-
 // Puts a path at its first collision.
-fn begin_at(path: ptr<function, Path>, f: ptr<function, Flight>, start: Start) {
-    (*path).weights.value = start.value;
-    (*f).p = start.p;
+fn begin_at(f: ptr<function, Flight>, p: vec3<f32>) {
+    (*f).p = p;
     (*f).word = words(scene.seed, (*f).index, 0u, PURPOSE);
     (*f).block = 1u;
     (*f).xi = unit((*f).word.z);
-}
-
-// Puts a path where its view ray enters.
-fn begin_outside(path: ptr<function, Path>, f: ptr<function, Flight>) {
-    (*path).weights.value = Spectrum(1.0);
-    (*f).block = 0u;
 }
 
 // The random words of a vertex: those of the event that led there.

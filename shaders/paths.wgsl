@@ -23,6 +23,9 @@ struct Path {
     one: Spectrum,
     more: Spectrum,
     weights: Weights,
+    // Where the flight began, and with which weights, where that matters.
+    from_point: vec3<f32>,
+    before: Weights,
     flight: Flight,
 }
 
@@ -50,6 +53,9 @@ struct Job {
     // Radiance that is met on leaving the volume wherever that is, by channel; near lights that the image shows.
     background: vec3<f32>,
     images: u32,
+    // What texels of 1 stand for in the source term, by channel.
+    glow: vec3<f32>,
+    spare: u32,
 }
 
 @group(0) @binding(5) var<uniform> job: Job;

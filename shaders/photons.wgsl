@@ -25,9 +25,9 @@ struct Photon {
 }
 
 struct Job {
-    // Photons under way at once, and events of each in this dispatch.
+    // Photons under way at once, and rounds of events in this dispatch.
     slots: u32,
-    events: u32,
+    rounds: u32,
     // Units per weight and length.
     unit: f32,
     spare: u32,
@@ -36,11 +36,11 @@ struct Job {
 @group(0) @binding(5) var<uniform> job: Job;
 @group(0) @binding(21) var<storage, read_write> photons: array<Photon>;
 
-// What is to happen to a photon: the slot is to take its next one; its start is searched for; it collides; it flies; it
-// pauses within a flight; the slot has none left.
+// What is to happen to a photon: the slot is to take its next one, or has none left; its start is searched for; it
+// collides; it flies; it pauses within a flight.
 const NEXT = 0u;
-const STARTS = 1u;
-const HITS = 2u;
-const FLIGHT = 3u;
-const PAUSED = 4u;
-const OVER = 5u;
+const OVER = 1u;
+const STARTS = 2u;
+const HITS = 3u;
+const FLIGHT = 4u;
+const PAUSED = 5u;

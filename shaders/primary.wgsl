@@ -4,9 +4,6 @@
 const VIEW = 8u;
 const TAU = 6.2831853;
 
-// Channels whose extinctions differ.
-override HEROES: u32 = 1u;
-
 // Where near lights are seen.
 @group(0) @binding(26) var<storage, read> images: array<Image>;
 
@@ -17,9 +14,7 @@ struct Start {
     t: f32,
     // Column density up to it.
     column: f32,
-    // Its weights, before it scatters.
-    value: Spectrum,
-    chance: Spectrum,
+    // The channel that decided on it.
     hero: u32,
     // A uniform number for a second point of the ray.
     xi: f32,
@@ -89,11 +84,13 @@ fn begin(path: ptr<function, Path>, f: ptr<function, Flight>) {
     if WALKED {
         let start = start_of(path, k, words(scene.seed, number, 1u + k, VIEW));
         near_view(path, start);
-        begin_at(path, f, start);
+        begin_at(f, start.p);
+        (*path).weights = first_weights(path, start.hero, start.column);
         (*path).state = HITS;
     } else {
         (*f).p = (*path).entry;
-        begin_outside(path, f);
+        (*f).block = 0u;
+        (*path).weights = outside_weights(f);
         (*path).state = FLIGHT;
     }
 }
@@ -101,7 +98,7 @@ fn begin(path: ptr<function, Path>, f: ptr<function, Flight>) {
 // The start of path `k`, at the columns' k-th stratum.
 fn start_of(path: ptr<function, Path>, k: u32, word: vec4<u32>) -> Start {
     var start: Start;
-    start.hero = mul_hi(word.y, HEROES);
+    start.hero = first_hero(word.y);
     let extinction = scene.extinction[start.hero];
     let opacity = (*path).opacity[start.hero];
     // 1 - part of what is met, from numbers none of which cancel.
@@ -112,15 +109,6 @@ fn start_of(path: ptr<function, Path>, k: u32, word: vec4<u32>) -> Start {
     let v = (*path).direction * scene.inverse_h;
     start.t = reach((*path).entry, v, (*path).length, start.column);
     start.p = clamp(along((*path).entry, v, start.t), vec3(0.0), vec3<f32>(scene.n) * (1.0 - 6e-8));
-    start.value = spectrum((*path).opacity) / (*path).top;
-    start.chance = Spectrum(1.0);
-    if HEROES > 1u {
-        start.chance = spectrum(vec3(
-            first_chance(path, 0u, start.column),
-            first_chance(path, 1u, start.column),
-            first_chance(path, 2u, start.column),
-        ));
-    }
     start.xi = (f32(k) + unit(word.z)) / f32(STARTS);
     start.word = word.w;
     return start;
@@ -131,15 +119,6 @@ fn first_chance(path: ptr<function, Path>, c: u32, column: f32) -> f32 {
     let extinction = scene.extinction[c];
     let opacity = (*path).opacity[c];
     return select(0.0, extinction * expo(-extinction * column) / opacity, opacity > 0.0);
-}
-
-// The same, the mean over the channels that may decide.
-fn first_density(path: ptr<function, Path>, column: f32) -> f32 {
-    var sum = first_chance(path, 0u, column);
-    if HEROES > 1u {
-        sum += first_chance(path, 1u, column) + first_chance(path, 2u, column);
-    }
-    return sum / f32(HEROES);
 }
 
 // A point of a pixel, from its upper left corner, and its weight. Evenly drawn, but where a light in the medium is seen in

@@ -1,7 +1,7 @@
 // The photon walk by events: starts, flights, scatterings, and what they leave in the tallies.
 
-// Tentative collisions between two looks at what photons need else.
-override TENTATIVES: u32 = 8u;
+// Events of a photon before slots whose photons have ended take their next ones.
+override EVENTS: u32 = 16u;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -28,7 +28,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var absorbed = spectrum(photon.absorbed);
     var collisions = 0u;
     var finished = 0u;
-    for (var event = 0u; event < job.events && state != OVER; event++) {
+    var taken = array<vec2<u32>, CHANNELS>();
+    var lost = array<vec2<u32>, CHANNELS>();
+    for (var round = 0u; round < job.rounds && state != OVER; round++) {
         if state == NEXT {
             f.index = add64(emitter.first, vec2(number, 0u));
             f.block = 0u;
@@ -36,14 +38,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
             order = 0u;
             state = select(OVER, STARTS, number < emitter.count);
         }
+        // The share of the energy that the photon ends in, and what of it remains then.
+        var share = ABSORBED;
         if state == STARTS {
             let begun = start(number, &f);
             weight = begun.weight;
             if begun.how == MISSES {
-                add_share(copy, MISSED, weight);
-                end(number, 0u, MISSED);
-                finished += 1u;
-                number += job.slots;
+                share = MISSED;
                 state = NEXT;
             } else if begun.how == COLLIDES {
                 state = HITS;
@@ -51,61 +52,64 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
                 state = FLIGHT;
             }
         }
-        if state == HITS {
-            collisions += 1u;
-            let after = weight * albedo_of(&f);
-            absorbed += weight - after;
-            weight = after;
-            order += 1u;
-            let top = largest(after);
-            turn(&f);
-            state = FLIGHT;
-            var share = ABSORBED;
-            if top > 0.0 && order > scene.last {
-                share = TRUNCATED;
-                add_share(copy, TRUNCATED, after);
-                weight = spectrum(vec3(0.0));
-            } else if top > 0.0 && scene.last == 0xffffffffu && top < ROULETTE {
-                if survives(&f) {
-                    weight = after * (1.0 / SURVIVAL);
-                    add_share(copy, LOST, after - weight);
-                } else {
-                    share = LOST;
-                    add_share(copy, LOST, after);
-                    weight = spectrum(vec3(0.0));
+        let waits = state == OVER || state == STARTS;
+        for (var event = 0u; event < EVENTS && state > STARTS; event++) {
+            if state == HITS {
+                collisions += 1u;
+                let after = weight * albedo_of(&f);
+                absorbed += weight - after;
+                weight = after;
+                order += 1u;
+                turn(&f);
+                let top = largest(after);
+                state = FLIGHT;
+                if top <= 0.0 {
+                    state = NEXT;
+                } else if order > scene.last {
+                    share = TRUNCATED;
+                    state = NEXT;
+                } else if scene.last == 0xffffffffu && top < ROULETTE {
+                    if survives(&f) {
+                        weight = after * (1.0 / SURVIVAL);
+                        add_weight(&lost, after - weight);
+                    } else {
+                        add_weight(&lost, after);
+                        share = LOST;
+                        state = NEXT;
+                    }
                 }
             }
-            if largest(weight) <= 0.0 {
-                add_share(copy, ABSORBED, absorbed);
-                end(number, order, share);
-                finished += 1u;
-                number += job.slots;
-                state = NEXT;
+            if state >= FLIGHT {
+                if state == FLIGHT {
+                    draw_flight(&f);
+                }
+                let went = advance(&f);
+                state = PAUSED;
+                if went == TENTATIVE {
+                    let voxel = index_of(vec3<i32>(f.q));
+                    deposit(voxel, f.q, f.d, order, weight * (job.unit * f.free_path), rounding(f.word.w));
+                    state = select(FLIGHT, HITS, accept(&f));
+                } else if went == LEFT {
+                    let v = f.d * scene.inverse_h;
+                    let axis = leave(f.p, v).axis;
+                    share = select(ESCAPED + 2u * u32(axis) + u32(v[axis] > 0.0), UNSCATTERED, order == 0u);
+                    state = NEXT;
+                }
             }
         }
-        for (var k = 0u; k < TENTATIVES && (state == FLIGHT || state == PAUSED); k++) {
-            if state == FLIGHT {
-                draw_flight(&f);
-            }
-            let went = advance(&f);
-            state = PAUSED;
-            if went == TENTATIVE {
-                let voxel = index_of(vec3<i32>(f.q));
-                deposit(voxel, f.q, f.d, order, weight * (job.unit * f.free_path), rounding(f.word.w));
-                state = select(FLIGHT, HITS, accept(&f));
-            } else if went == LEFT {
-                let v = f.d * scene.inverse_h;
-                let axis = leave(f.p, v).axis;
-                let face = ESCAPED + 2u * u32(axis) + u32(v[axis] > 0.0);
-                let share = select(face, UNSCATTERED, order == 0u);
+        if state == NEXT && !waits {
+            if share != ABSORBED && share != LOST {
                 add_share(copy, share, weight);
-                add_share(copy, ABSORBED, absorbed);
-                end(number, order, share);
-                finished += 1u;
-                number += job.slots;
-                state = NEXT;
             }
+            add_weight(&taken, absorbed);
+            end(number, order, share);
+            finished += 1u;
+            number += job.slots;
         }
+    }
+    for (var c = 0u; c < CHANNELS; c++) {
+        count_wide(copy * WORDS + 2u * (3u * ABSORBED + c), taken[c]);
+        count_wide(copy * WORDS + 2u * (3u * LOST + c), lost[c]);
     }
     count_wide(copy * WORDS + COLLISIONS, vec2(collisions, 0u));
     atomicAdd(&counters[copy * WORDS + FINISHED], finished);

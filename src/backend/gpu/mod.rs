@@ -16,5 +16,6 @@ pub mod path;
 pub mod scene;
 pub mod shoot;
 mod sources;
+pub mod tracker;
 
 pub use device::Gpu;

@@ -8,11 +8,12 @@ use crate::backend::Control;
 use crate::backend::cpu::emit::Emitter;
 use crate::backend::cpu::flights::{Course, Scored};
 use crate::backend::cpu::shoot::{Energies, allot};
+use crate::backend::cpu::track::Woodcock;
 use crate::backend::run::Shooter;
 use crate::backend::shot::bin_unit;
 use crate::error::{Error, Result};
 use crate::physics::harmonics::count;
-use crate::plan::Plan;
+use crate::plan::{Plan, Score, Tracker};
 use crate::result::Share;
 use crate::tally::Bins;
 use bytemuck::{Pod, Zeroable};
@@ -29,8 +30,11 @@ const SLOTS: u32 = 1 << 17;
 const SOFTWARE_SLOTS: u32 = 1 << 12;
 /// Cells of majorants that a flight crosses without a pause.
 const CELLS: u32 = 32;
-/// Tentative collisions between two looks at what photons need else.
-const TENTATIVES: u32 = 8;
+/// Events of a photon before slots whose photons have ended take their next ones.
+const EVENTS: u32 = 16;
+/// The same in flights, where photons are walked one by one; and the steps of a flight before it pauses.
+const FLIGHTS: u32 = 4;
+const STEPS: u32 = 64;
 
 /// `COPIES` and so on of `shaders/counters.wgsl`.
 const COPIES: usize = 64;
@@ -45,7 +49,7 @@ const OVERFLOW: usize = 69;
 #[expect(missing_docs, reason = "the shader names and describes them")]
 pub struct Job {
     pub slots: u32,
-    pub events: u32,
+    pub rounds: u32,
     pub unit: f32,
     pub spare: u32,
 }
@@ -78,7 +82,8 @@ pub struct Shooting<'a> {
     plan: &'a Plan<'a>,
     scene: GpuScene,
     emitters: Vec<(Start, Arc<Kernel>, u32)>,
-    majorants: Option<wgpu::Buffer>,
+    majorants: wgpu::Buffer,
+    scores: wgpu::Buffer,
     job: wgpu::Buffer,
     photons: wgpu::Buffer,
     counters: wgpu::Buffer,
@@ -87,8 +92,8 @@ pub struct Shooting<'a> {
     high: wgpu::Buffer,
     bins: Vec<Vec<Bins>>,
     slots: u32,
-    /// Events of a dispatch.
-    events: u32,
+    /// Rounds of a dispatch.
+    rounds: u32,
 }
 
 impl<'a> Shooting<'a> {
@@ -100,19 +105,11 @@ impl<'a> Shooting<'a> {
     /// The same; the fates of the first `watched` photons of an emitter are kept.
     pub fn watching(gpu: &'a Gpu, plan: &'a Plan<'a>, emitters: &[Emitter], watched: usize) -> Result<Self> {
         let mut on_gpu = GpuScene::new(gpu, plan.scene, plan.channels)?;
-        let voxels = plan.settings.fluence || plan.settings.radiance;
-        let course = Course::new(plan, if voxels { Scored::Everywhere } else { Scored::ForImages }, 0);
+        let flights = Flights::new(plan);
         on_gpu.update(gpu, |constants| {
             scene::of_plan(plan, constants);
-            constants.free_path = course.free_path();
-            if let Some((block, n, _)) = course.majorants() {
-                (constants.block, constants.cells) = (block as i32, n);
-            }
+            (constants.free_path, constants.block, constants.cells) = (flights.free_path, flights.block, flights.cells);
         });
-        let majorants = match course.majorants() {
-            Some((_, _, majorants)) => Some(gpu.buffer(majorants)?),
-            None => None,
-        };
         let values = (plan.scene.medium.volume.voxels() * plan.channels) as u64;
         let widths: Vec<u64> = plan.layers.iter().map(|layer| values * plan.width_of(*layer) as u64).collect();
         let total: u64 = widths.iter().sum();
@@ -124,8 +121,9 @@ impl<'a> Shooting<'a> {
         let mut ready = Vec::with_capacity(emitters.len());
         for emitter in emitters {
             let start = Start::new(gpu, plan.scene, emitter)?;
-            let source = source(plan, &on_gpu, &course, &start, &widths, watched > 0);
-            let limit = ITERATIONS / iterations(plan, &course, &start);
+            let source = source(plan, &on_gpu, &flights, &start, &widths, watched > 0);
+            let round = 1 + start.iterations + 2 * plan.channels as u32 + flights.events * flights.iterations;
+            let limit = ITERATIONS / round;
             ready.push((start, gpu.kernel(source)?, limit.max(1)));
         }
         let slots = if gpu.software { SOFTWARE_SLOTS } else { SLOTS };
@@ -135,7 +133,8 @@ impl<'a> Shooting<'a> {
             plan,
             scene: on_gpu,
             emitters: ready,
-            majorants,
+            majorants: gpu.buffer(&flights.majorants)?,
+            scores: gpu.buffer(&flights.scores)?,
             job: gpu.uniform(&Job::zeroed())?,
             photons: gpu.empty(u64::from(slots) * size_of::<Photon>() as u64)?,
             counters: gpu.empty((COPIES * WORDS * 4) as u64)?,
@@ -144,7 +143,7 @@ impl<'a> Shooting<'a> {
             high: gpu.empty(total * 4)?,
             bins: widths.iter().map(new).collect(),
             slots,
-            events: 32,
+            rounds: 8,
         })
     }
 
@@ -162,16 +161,17 @@ impl<'a> Shooting<'a> {
             ("counters", Binding::Buffer(&self.counters)),
             ("tally_low", Binding::Buffer(&self.low)),
             ("tally_high", Binding::Buffer(&self.high)),
+            ("majorants", Binding::Buffer(&self.majorants)),
+            ("cell_scores", Binding::Buffer(&self.scores)),
         ]);
-        bindings.extend(self.majorants.iter().map(|buffer| ("majorants", Binding::Buffer(buffer))));
         bindings.extend(self.fates.iter().map(|buffer| ("fates", Binding::Buffer(buffer))));
         let before = self.finished()?;
         loop {
             if halted() {
                 return Ok(false);
             }
-            let events = self.events.min(*limit);
-            let job = Job { slots, events, unit: bin_unit(self.plan) as f32, spare: 0 };
+            let rounds = self.rounds.min(*limit);
+            let job = Job { slots, rounds, unit: bin_unit(self.plan) as f32, spare: 0 };
             self.gpu.write(&self.job, 0, &[job]);
             let began = Instant::now();
             self.gpu.run(kernel, &bindings, u64::from(slots))?;
@@ -179,7 +179,7 @@ impl<'a> Shooting<'a> {
                 return Ok(true);
             }
             let factor = (DISPATCH / began.elapsed().as_secs_f64()).clamp(0.5, 2.0);
-            self.events = ((f64::from(events) * factor) as u32).clamp(1, ITERATIONS);
+            self.rounds = ((f64::from(rounds) * factor) as u32).clamp(1, ITERATIONS);
         }
     }
 
@@ -247,27 +247,121 @@ impl Shooter for Shooting<'_> {
     }
 }
 
+/// What flights run through: majorants, and the shader files of a tracker.
+struct Flights {
+    /// The shader that walks photons, and those of its flights.
+    files: Vec<&'static str>,
+    constants: Vec<(&'static str, f64)>,
+    majorants: Vec<f32>,
+    scores: Vec<u32>,
+    /// Voxels per majorant cell and axis, and cells along x, y, z.
+    block: i32,
+    cells: [i32; 3],
+    free_path: f32,
+    /// Events of a round, and loop iterations that each takes at most.
+    events: u32,
+    iterations: u32,
+}
+
+impl Flights {
+    /// Those of a plan.
+    fn new(plan: &Plan) -> Self {
+        let channels = plan.channels as u32;
+        let score = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
+        if plan.lanes { Self::by_events(plan, score + channels) } else { Self::one_by_one(plan, score) }
+    }
+
+    /// The walk that lanes take.
+    fn by_events(plan: &Plan, score: u32) -> Self {
+        let voxels = plan.settings.fluence || plan.settings.radiance;
+        let course = Course::new(plan, if voxels { Scored::Everywhere } else { Scored::ForImages }, 0);
+        let isotropic = plan.scene.medium.phase.is_isotropic();
+        let mut files = vec!["shoot", "flights"];
+        files.push(if course.majorants().is_some() { "flights_cells" } else { "flights_one" });
+        files.push(if isotropic { "turn_isotropic" } else { "turn_phase" });
+        files.push(if course.certain { "accept_all" } else { "accept_some" });
+        let (block, cells, majorants) = course.majorants().unwrap_or((1.0, [1; 3], &[]));
+        Flights {
+            files,
+            constants: vec![("EVENTS", f64::from(EVENTS)), ("CELLS", f64::from(CELLS))],
+            block: block as i32,
+            cells,
+            free_path: course.free_path(),
+            events: EVENTS,
+            iterations: 1 + score + if majorants.is_empty() { 0 } else { CELLS },
+            majorants: majorants.to_vec(),
+            scores: Vec::new(),
+        }
+    }
+
+    /// The walk of one photon after the other.
+    fn one_by_one(plan: &Plan, score: u32) -> Self {
+        let volume = &plan.scene.medium.volume;
+        let across = volume.n().iter().sum::<usize>() as u32;
+        let mut files = vec!["shoot_one", "way"];
+        files.extend(if plan.chromatic {
+            ["weights_chromatic", "store_chromatic"]
+        } else {
+            ["weights_grey", "store_grey"]
+        });
+        files.push(if plan.layers.is_empty() { "score_nothing" } else { "score_deposit" });
+        let mut constants = vec![("EVENTS", f64::from(FLIGHTS)), ("STEPS", f64::from(STEPS)), ("APART", 1.0)];
+        let mut flights = Flights {
+            files: Vec::new(),
+            constants: Vec::new(),
+            majorants: Vec::new(),
+            scores: Vec::new(),
+            block: 1,
+            cells: [1; 3],
+            free_path: 0.0,
+            events: FLIGHTS,
+            iterations: STEPS * (1 + score),
+        };
+        match (plan.tracker, &plan.majorant) {
+            (Tracker::Woodcock, Some(grid)) => {
+                let tracker = Woodcock::<false>::new(plan, grid);
+                files.push("tracker_woodcock");
+                flights.scores = tracker.score.iter().map(|&score| score as u32).collect();
+                flights.majorants = tracker.majorant;
+                (flights.block, flights.cells) = (tracker.block, tracker.cells);
+                flights.iterations += across * (1 + score);
+            }
+            (Tracker::Analytic, _) => {
+                files.push("tracker_analytic");
+                let score_of = if plan.layers.is_empty() { 0 } else { 1 + u32::from(plan.score == Score::Track) };
+                constants.push(("SCORE", f64::from(score_of)));
+                flights.iterations += across * (1 + score);
+            }
+            _ => {
+                files.push("tracker_march");
+                files.push(if volume.is_constant() { "march_constant" } else { "march_voxels" });
+                let linear = volume.linear() && !volume.is_constant();
+                files.push(if linear { "march_linear" } else { "march_nearest" });
+                constants.push(("PARTS", if volume.linear() { 2.0 } else { 1.0 }));
+                constants.push(("SCORES", f64::from(u8::from(!plan.layers.is_empty()))));
+                flights.iterations += 24;
+            }
+        }
+        (flights.files, flights.constants) = (files, constants);
+        flights
+    }
+}
+
 /// The kernel of an emitter.
-fn source(plan: &Plan, scene: &GpuScene, course: &Course, start: &Start, widths: &[u64], watched: bool) -> Source {
-    let isotropic = plan.scene.medium.phase.is_isotropic();
-    let mut files = vec!["shoot", "flights", "photons", "counters", "tally", "deposit"];
-    files.push(if course.majorants().is_some() { "flights_cells" } else { "flights_one" });
-    files.push(if isotropic { "turn_isotropic" } else { "turn_phase" });
-    files.push(if course.certain { "accept_all" } else { "accept_some" });
+fn source(plan: &Plan, scene: &GpuScene, flights: &Flights, start: &Start, widths: &[u64], watched: bool) -> Source {
+    let mut files = flights.files.clone();
+    files.extend(["flight_state", "roulette", "photons", "counters", "tally", "deposit", "harmonics"]);
     files.push(if watched { "end_fate" } else { "end_nothing" });
     files.push(match plan.harmonics {
         Some(_) => "angular_harmonics",
         None if plan.routes.iter().any(|route| route.1.is_some()) => "angular_eye",
         None => "angular_nothing",
     });
-    files.push("harmonics");
     files.extend(&start.files);
     let first = |layer: Option<usize>| layer.map_or(f64::from(u32::MAX), |at| widths[..at].iter().sum::<u64>() as f64);
     let unscattered = if start.tallies_unscattered { plan.routes[0] } else { (None, None) };
-    scene
+    let source = scene
         .source(&files)
-        .with("TENTATIVES", if course.certain { 1 } else { TENTATIVES })
-        .with("CELLS", CELLS)
         .with("ORDER", plan.harmonics.unwrap_or(0) as u32)
         .with("HATS", plan.scene.medium.volume.linear())
         .with("PLAIN_FIRST", first(unscattered.0))
@@ -275,14 +369,6 @@ fn source(plan: &Plan, scene: &GpuScene, course: &Course, start: &Start, widths:
         .with("PLAIN_LAST", first(plan.routes[2].0))
         .with("ANGULAR_FIRST", first(unscattered.1))
         .with("ANGULAR_INNER", first(plan.routes[1].1))
-        .with("ANGULAR_LAST", first(plan.routes[2].1))
-}
-
-/// Loop iterations that an event takes at most.
-fn iterations(plan: &Plan, course: &Course, start: &Start) -> u32 {
-    let channels = plan.channels as u32;
-    let cells = if course.majorants().is_some() { CELLS } else { 0 };
-    let scores = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
-    let tentatives = if course.certain { 1 } else { TENTATIVES };
-    1 + start.iterations + 6 * channels + tentatives * (1 + cells + scores) + 16
+        .with("ANGULAR_LAST", first(plan.routes[2].1));
+    flights.constants.iter().fold(source, |source, (name, value)| source.with(name, *value))
 }

@@ -1,0 +1,3 @@
+// Below this weight roulette is played, and survived with the chance SURVIVAL, which two random bits can decide.
+const ROULETTE = 0.1;
+const SURVIVAL = 0.25;
