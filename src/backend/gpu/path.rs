@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::physics::rng::split;
 use crate::plan::Plan;
 use crate::scene::Volume;
+use crate::scene::environment::Map;
 use crate::scene::medium::Emission;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -279,14 +280,15 @@ fn files(plan: &Plan, connections: &Connections, glow: usize) -> Vec<&'static st
 /// Loop iterations that a step takes at most, apart from those of its flights.
 fn step_iterations(volume: &Volume, connections: &Connections, glow: usize) -> u32 {
     // A line crosses one layer of cells more along each axis with interpolation.
-    let line = if volume.is_constant() { 16 } else { volume.n().iter().sum::<usize>() as u32 + 16 };
+    let across = volume.n().iter().sum::<usize>() as u32 + 16;
+    let line = if volume.is_constant() { 16 } else { across };
     let (far, near, maps) = (connections.far.len(), connections.near.len(), connections.maps.len());
-    let map = |map: &&crate::scene::environment::Map| map.size().iter().map(|m| 2 * m.ilog2()).sum::<u32>();
+    let map = |map: &&Map| map.size().iter().map(|m| 2 * m.ilog2()).sum::<u32>();
     let drawn: u32 = connections.maps.iter().map(map).sum();
     // The view ray and its inversion, and for each near light two points on it.
     let primary = 2 * line + 24 + 16 + near as u32 * (3 * line + 1);
     let vertex = far as u32 * (2 * line + 1) + near as u32 * (2 * line + 1) + maps as u32 * (line + 2) + drawn;
-    primary + vertex + (glow as u32 + 1) * line
+    primary + vertex + glow as u32 * across + line
 }
 
 /// Where a near light is seen.
