@@ -1,40 +1,47 @@
 // Paths from the camera by events. A slot takes every slots-th view ray, and the paths of each one after the other.
 
-// Events of a flight between two looks at what paths need else.
+// Paths of a view ray between two looks at who needs the next ray, collisions of a path before the next path may begin, and
+// tentative ones before it collides: slots do alike things at a time, for others wait where one does something long.
+override ROUNDS: u32 = 4u;
 override EVENTS: u32 = 8u;
+override TENTATIVES: u32 = 8u;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let slot = id.y * groups.x * 64u + id.x;
-    if slot >= job.slots || paths[slot].state == OVER {
+    let slot = job.slot + id.y * groups.x * 64u + id.x;
+    if slot >= job.end || paths[slot].state == OVER {
         return;
     }
     var path = paths[slot];
     var flight = path.flight;
+    var collisions = 0u;
     if path.state == NEW {
         path.ray = slot;
         path.state = VIEWS;
     }
-    var collisions = 0u;
     for (var step = 0u; step < job.steps && path.state != OVER; step++) {
-        if path.state == NEXT && path.begun == STARTS {
-            show(&path);
-        }
         if path.state == VIEWS {
             path.state = OVER;
             if path.ray < job.rays {
                 look(&path);
             }
         }
-        if path.state == NEXT && path.begun < STARTS {
-            begin(&path, &flight);
+        for (var round = 0u; round < ROUNDS; round++) {
+            if path.state == NEXT && path.begun < STARTS {
+                begin(&path, &flight);
+            }
+            for (var event = 0u; event < EVENTS && path.state > NEXT; event++) {
+                if path.state == HITS {
+                    collisions += 1u;
+                    path.state = select(FLIGHT, NEXT, collide(&path, &flight));
+                }
+                for (var k = 0u; k < TENTATIVES && path.state > HITS; k++) {
+                    path.state = go_on(&path, &flight);
+                }
+            }
         }
-        if path.state == HITS {
-            collisions += 1u;
-            path.state = select(FLIGHT, NEXT, collide(&path, &flight));
-        }
-        for (var event = 0u; event < EVENTS && (path.state == FLIGHT || path.state == PAUSED); event++) {
-            path.state = go_on(&path, &flight);
+        if path.state == NEXT && path.begun == STARTS {
+            show(&path);
         }
     }
     path.flight = flight;

@@ -47,7 +47,7 @@ struct Job {
     // The first pixel of the job among those that may see the medium, and the job's view rays.
     pixel: u32,
     rays: u32,
-    // View rays under way at once, and steps of each in this dispatch.
+    // View rays under way at once, and steps of each in a dispatch.
     slots: u32,
     steps: u32,
     // Radiance that is met on leaving the volume wherever that is, by channel; near lights that the image shows.
@@ -55,7 +55,9 @@ struct Job {
     images: u32,
     // What texels of 1 stand for in the source term, by channel.
     glow: vec3<f32>,
-    spare: u32,
+    // The slots of this dispatch.
+    slot: u32,
+    end: u32,
 }
 
 @group(0) @binding(5) var<uniform> job: Job;
@@ -69,15 +71,15 @@ struct Job {
 override STARTS: u32 = 4u;
 override WALKED: bool = true;
 
-// What is to happen to a slot: it is new; it takes its next view ray, or the ray's next path; that collides; it flies; it
-// pauses within a flight; the slot has no rays left.
+// What is to happen to a slot: it is new; it has no rays left; it takes its next view ray, or the ray's next path; that
+// collides; it flies; it pauses within a flight.
 const NEW = 0u;
-const VIEWS = 1u;
-const NEXT = 2u;
-const HITS = 3u;
-const FLIGHT = 4u;
-const PAUSED = 5u;
-const OVER = 6u;
+const OVER = 1u;
+const VIEWS = 2u;
+const NEXT = 3u;
+const HITS = 4u;
+const FLIGHT = 5u;
+const PAUSED = 6u;
 
 // Adds light of a scattering order.
 fn see(path: ptr<function, Path>, order: u32, light: Spectrum) {

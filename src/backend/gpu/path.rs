@@ -1,6 +1,6 @@
 //! Path tracing on the GPU: the view rays of a pass in jobs, whose slots take ray after ray, each with all of its paths.
 
-use super::device::Gpu;
+use super::device::{GROUP, Gpu};
 use super::gather::View;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
@@ -14,10 +14,10 @@ use crate::backend::cpu::path::{Passes, Rays, Sums};
 use crate::error::{Error, Result};
 use crate::physics::rng::split;
 use crate::plan::Plan;
-use crate::scene::Volume;
 use crate::scene::environment::Map;
 use crate::scene::medium::Emission;
 use bytemuck::{Pod, Zeroable};
+use std::cell::Cell;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
@@ -38,7 +38,9 @@ struct Job {
     background: [f32; 3],
     images: u32,
     glow: [f32; 3],
-    spare: u32,
+    slot: u32,
+    end: u32,
+    spare: [u32; 3],
 }
 
 /// `Image` of `shaders/paths.wgsl`.
@@ -61,7 +63,9 @@ const DISPATCH: f64 = 0.05;
 const ITERATIONS: u32 = 60_000;
 /// Cells of majorants that a flight crosses without a pause.
 const CELLS: u32 = 32;
-/// Tentative collisions between two looks at what paths need else.
+/// Tentative collisions of a path before it collides.
+const TENTATIVES: u32 = 8;
+/// Collisions of a path before the next path may begin, at most.
 const EVENTS: u32 = 8;
 
 /// What traces paths on a GPU.
@@ -82,6 +86,28 @@ pub struct Paths<'a> {
     common: Job,
     /// Steps of a dispatch at most.
     most: u32,
+    pace: Cell<Pace>,
+}
+
+/// How much a dispatch does.
+#[derive(Debug, Clone, Copy)]
+struct Pace {
+    steps: u32,
+    /// Slots.
+    width: u32,
+}
+
+impl Pace {
+    /// What takes about as long as a dispatch should, after one took the given seconds.
+    fn after(self, seconds: f64, slots: u32, most: u32) -> Self {
+        let factor = (DISPATCH / seconds).clamp(0.5, 2.0);
+        let steps = ((f64::from(self.steps) * factor) as u32).clamp(1, most);
+        match factor < 1.0 {
+            true if self.steps == 1 => Pace { width: (self.width / 2).max(GROUP), ..self },
+            false if self.width < slots => Pace { width: (2 * self.width).min(slots), ..self },
+            _ => Pace { steps, ..self },
+        }
+    }
 }
 
 impl<'a> Paths<'a> {
@@ -115,15 +141,9 @@ impl<'a> Paths<'a> {
             .with("MAPS", maps.count)
             .with("SEES_OUT", u8::from(connections.has_background()))
             .with("FLIES_OUT", u8::from(connections.has_background() || !glow.is_empty()));
-        let kernel = gpu.kernel(track.constants.iter().fold(source, |source, (name, value)| source.with(name, *value)))?;
-        let step = step_iterations(&medium.volume, connections, glow.len()) + track.iterations;
-        if step > ITERATIONS && gpu.software {
-            return Err(Error::VolumeTooLarge(format!(
-                "light rays through this volume take {step} steps, and the GPU {} ends after {ITERATIONS}; use \
-                 backend=\"cpu\"",
-                gpu.description.name
-            )));
-        }
+        let source = track.constants.iter().fold(source, |source, (name, value)| source.with(name, *value));
+        let effort = Iterations::new(rays, connections, glow.len(), track.iterations).effort(gpu)?;
+        let kernel = gpu.kernel(source.with("ROUNDS", effort.rounds).with("EVENTS", effort.events))?;
         let seen_at: Vec<Image> = images.iter().map(image).chain([Image::default()]).collect();
         let slots = SLOTS[usize::from(gpu.software)];
         let unit = |c: usize| glow.get(c % glow.len().max(1)).map_or(0.0, |texture| texture.unit);
@@ -156,7 +176,8 @@ impl<'a> Paths<'a> {
             glow,
             kernel,
             common,
-            most: (ITERATIONS / step).max(1),
+            most: effort.steps,
+            pace: Cell::new(Pace { steps: 1, width: slots }),
         })
     }
 
@@ -176,22 +197,31 @@ impl<'a> Paths<'a> {
             ("seen", Binding::Buffer(&self.seen)),
         ]);
         self.gpu.clear(&self.state);
-        let (mut collisions, mut steps) = (0, 8.min(self.most));
+        let mut collisions = 0;
+        let mut pace = self.pace.get();
         loop {
-            if halted() {
-                return Ok(None);
-            }
-            self.gpu.write(&self.job, 0, &[Job { steps, ..*job }]);
             self.gpu.clear(&self.counters);
-            let began = Instant::now();
-            self.gpu.run(&self.kernel, &bindings, u64::from(job.slots))?;
+            let mut slot = 0;
+            while slot < job.slots {
+                if halted() {
+                    return Ok(None);
+                }
+                let end = job.slots.min(slot + pace.width);
+                self.gpu.write(&self.job, 0, &[Job { steps: pace.steps, slot, end, ..*job }]);
+                let began = Instant::now();
+                self.gpu.run(&self.kernel, &bindings, u64::from(end - slot))?;
+                pace = pace.after(began.elapsed().as_secs_f64(), self.common.slots, self.most);
+                slot = end;
+            }
             let counters = self.gpu.read::<u32>(&self.counters, 2)?;
             collisions += u64::from(counters[1]);
             if counters[0] == 0 {
                 break;
             }
-            let factor = (DISPATCH / began.elapsed().as_secs_f64()).clamp(0.5, 2.0);
-            steps = ((f64::from(steps) * factor) as u32).clamp(1, self.most);
+            // Those who come last say nothing about the pace of all.
+            if counters[0] > job.slots / 2 {
+                self.pace.set(pace);
+            }
         }
         let values = 2 * self.rays.plan.channels * job.rays as usize;
         Ok(Some((self.gpu.read(&self.seen, values)?, collisions)))
@@ -236,7 +266,7 @@ fn by_events(plan: &Plan, scene: &mut GpuScene, gpu: &Gpu) -> Track {
     let isotropic = plan.scene.medium.phase.is_isotropic();
     scene.update(gpu, |constants| constants.free_path = course.free_path());
     let (block, cells, majorants) = course.majorants().unwrap_or((1.0, [1; 3], &[]));
-    let events = if course.certain { 1 } else { EVENTS };
+    let tentatives = if course.certain { 1 } else { TENTATIVES };
     Track {
         files: vec![
             "flights",
@@ -245,10 +275,10 @@ fn by_events(plan: &Plan, scene: &mut GpuScene, gpu: &Gpu) -> Track {
             if isotropic { "turn_isotropic" } else { "turn_phase" },
             if course.certain { "accept_all" } else { "accept_some" },
         ],
-        constants: vec![("EVENTS", f64::from(events)), ("CELLS", f64::from(CELLS))],
+        constants: vec![("TENTATIVES", f64::from(tentatives)), ("CELLS", f64::from(CELLS))],
         block: block as i32,
         cells,
-        iterations: events * (1 + if majorants.is_empty() { 0 } else { CELLS }),
+        iterations: tentatives * (1 + if majorants.is_empty() { 0 } else { CELLS }),
         majorants: majorants.to_vec(),
     }
 }
@@ -277,18 +307,57 @@ fn files(plan: &Plan, connections: &Connections, glow: usize) -> Vec<&'static st
     files
 }
 
-/// Loop iterations that a step takes at most, apart from those of its flights.
-fn step_iterations(volume: &Volume, connections: &Connections, glow: usize) -> u32 {
-    // A line crosses one layer of cells more along each axis with interpolation.
-    let across = volume.n().iter().sum::<usize>() as u32 + 16;
-    let line = if volume.is_constant() { 16 } else { across };
-    let (far, near, maps) = (connections.far.len(), connections.near.len(), connections.maps.len());
-    let map = |map: &&Map| map.size().iter().map(|m| 2 * m.ilog2()).sum::<u32>();
-    let drawn: u32 = connections.maps.iter().map(map).sum();
-    // The view ray and its inversion, and for each near light two points on it.
-    let primary = 2 * line + 24 + 16 + near as u32 * (3 * line + 1);
-    let vertex = far as u32 * (2 * line + 1) + near as u32 * (2 * line + 1) + maps as u32 * (line + 2) + drawn;
-    primary + vertex + glow as u32 * across + line
+/// Loop iterations that the parts of a step take at most.
+struct Iterations {
+    starts: u32,
+    view: u32,
+    start: u32,
+    event: u32,
+}
+
+/// What a dispatch may do: steps, paths of a step, and events of each.
+struct Effort {
+    steps: u32,
+    rounds: u32,
+    events: u32,
+}
+
+impl Iterations {
+    /// Those of a plan; a flight takes `flight`.
+    fn new(rays: &Rays, connections: &Connections, glow: usize, flight: u32) -> Self {
+        let volume = &rays.plan.scene.medium.volume;
+        // Cells that a line crosses, and short loops.
+        let across = volume.n().iter().sum::<usize>() as u32 + 16;
+        let line = if volume.is_constant() { 16 } else { across };
+        let map = |map: &&Map| line + map.size().iter().map(|m| 2 * m.ilog2()).sum::<u32>() + 2;
+        let maps: u32 = connections.maps.iter().map(map).sum();
+        let (far, near) = (connections.far.len() as u32, connections.near.len() as u32);
+        Iterations {
+            starts: rays.paths.starts as u32,
+            view: line + rays.images.len() as u32,
+            start: line + 24 + near * (3 * line + 2),
+            event: 1 + flight + (far + near) * (2 * line + 1) + maps + glow as u32 * across + line,
+        }
+    }
+
+    /// What an adapter does in a dispatch.
+    fn effort(&self, gpu: &Gpu) -> Result<Effort> {
+        let step = |rounds, events| self.view + rounds * (1 + self.start + events * self.event);
+        if !gpu.software {
+            return Ok(Effort { steps: 256, rounds: self.starts, events: EVENTS });
+        }
+        let tries = (1..=EVENTS).rev().map(|events| (self.starts, events)).chain([(1, 1)]);
+        for (rounds, events) in tries {
+            if step(rounds, events) <= ITERATIONS {
+                return Ok(Effort { steps: ITERATIONS / step(rounds, events), rounds, events });
+            }
+        }
+        Err(Error::VolumeTooLarge(format!(
+            "a collision may take {} steps through this volume, and the GPU {} allows {ITERATIONS}; use backend=\"cpu\"",
+            step(1, 1),
+            gpu.description.name
+        )))
+    }
 }
 
 /// Where a near light is seen.

@@ -29,7 +29,7 @@ impl Track {
         let weights = if plan.chromatic { "weights_chromatic" } else { "weights_grey" };
         let mut track = Track {
             files: vec!["way", "score_nothing", weights],
-            constants: vec![("STEPS", f64::from(STEPS)), ("SCORE", 0.0), ("SCORES", 0.0)],
+            constants: vec![("STEPS", f64::from(STEPS)), ("SCORE", 0.0), ("SCORES", 0.0), ("TENTATIVES", 1.0)],
             majorants: Vec::new(),
             block: 1,
             cells: [1; 3],
