@@ -27,3 +27,8 @@ fn largest(s: Spectrum) -> f32 {
 fn expos(s: Spectrum) -> Spectrum {
     return expo(s);
 }
+
+// Mean transmittances by channel.
+fn mean_transmittances(s: Spectrum) -> Spectrum {
+    return mean_transmittance(s);
+}

@@ -27,3 +27,8 @@ fn largest(s: Spectrum) -> f32 {
 fn expos(s: Spectrum) -> Spectrum {
     return vec3(expo(s.x), expo(s.y), expo(s.z));
 }
+
+// Mean transmittances by channel.
+fn mean_transmittances(s: Spectrum) -> Spectrum {
+    return vec3(mean_transmittance(s.x), mean_transmittance(s.y), mean_transmittance(s.z));
+}

@@ -17,6 +17,11 @@ fn density_maximum(cell: vec3<i32>) -> f32 {
     return scene.texel * maximum(density, cell);
 }
 
+// The density along u + s w within a cell, as the coefficients of a cubic in s.
+fn density_cubic(cell: vec3<i32>, u: vec3<f32>, w: vec3<f32>) -> vec4<f32> {
+    return scene.texel * cubic(density, cell, u, w);
+}
+
 // The column density along p + t v, t from 0 to end, no further than where it exceeds `most`.
 fn column(p: vec3<f32>, v: vec3<f32>, end: f32, most: f32) -> f32 {
     return scene.texel * integral(density, p, v, end, most / scene.texel);

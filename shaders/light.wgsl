@@ -9,7 +9,7 @@ struct Light {
     value: vec3<f32>,
     // 1 where the depth is found by a light ray from every point.
     rays: u32,
-    // Where its light grid begins in `nodes`, and 1 if it has one.
+    // The layer where its light grid begins in `nodes`, and 1 if it has one.
     first: u32,
     has_nodes: u32,
     // The chance of a light ray that puts the interpolated depth right.
@@ -18,7 +18,8 @@ struct Light {
 }
 
 @group(0) @binding(6) var<storage, read> lights: array<Light>;
-@group(0) @binding(7) var<storage, read> nodes: array<f32>;
+// The light grids one above the other.
+@group(0) @binding(7) var nodes: texture_3d<f32>;
 
 struct Incident {
     // Unit vector along which light travels.
@@ -40,16 +41,20 @@ fn incident(light: Light, p: vec3<f32>) -> Incident {
     return Incident(r / distance, 1.0 / d2, distance);
 }
 
+// The column density at a node.
+fn node(at: vec3<i32>) -> f32 {
+    return textureLoad(nodes, at, 0).x;
+}
+
 // Interpolates between the nodes of a light grid: the voxel centres, and one layer of centres beyond each face.
 fn interpolate_nodes(first: u32, p: vec3<f32>) -> f32 {
     let q = max(p + 0.5, vec3(0.0));
-    let cell = min(vec3<u32>(q), vec3<u32>(scene.n));
+    let cell = min(vec3<i32>(q), scene.n);
     let u = q - vec3<f32>(cell);
-    let row = u32(scene.n.x) + 2u;
-    let slice = row * (u32(scene.n.y) + 2u);
-    let at = first + cell.z * slice + cell.y * row + cell.x;
-    let low = vec4(nodes[at], nodes[at + row], nodes[at + slice], nodes[at + slice + row]);
-    let high = vec4(nodes[at + 1u], nodes[at + row + 1u], nodes[at + slice + 1u], nodes[at + slice + row + 1u]);
+    let a = cell + vec3(0, 0, i32(first));
+    let low = vec4(node(a), node(a + vec3(0, 1, 0)), node(a + vec3(0, 0, 1)), node(a + vec3(0, 1, 1)));
+    let b = a + vec3(1, 0, 0);
+    let high = vec4(node(b), node(b + vec3(0, 1, 0)), node(b + vec3(0, 0, 1)), node(b + vec3(0, 1, 1)));
     let x = low + u.x * (high - low);
     let y0 = x.x + u.y * (x.y - x.x);
     let y1 = x.z + u.y * (x.w - x.z);

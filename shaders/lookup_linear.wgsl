@@ -52,6 +52,20 @@ fn one_read(field: texture_3d<f32>, p: vec3<f32>, word: u32) -> f32 {
     return texel(field, voxel_of(max(p + jitter(word), vec3(0.0))));
 }
 
+// The field along u + s w, u and w in a cell of interpolation, as the coefficients of a cubic in s.
+fn cubic(field: texture_3d<f32>, cell: vec3<i32>, u: vec3<f32>, w: vec3<f32>) -> vec4<f32> {
+    let c = corners(field, cell);
+    let rise = c.high - c.low;
+    let x0 = c.low + u.x * rise;
+    let x1 = w.x * rise;
+    let y0 = x0.xz + u.y * (x0.yw - x0.xz);
+    let y1 = x1.xz + u.y * (x1.yw - x1.xz) + w.y * (x0.yw - x0.xz);
+    let y2 = w.y * (x1.yw - x1.xz);
+    let low = vec3(y0.x, y1.x, y2.x);
+    let climb = vec3(y0.y, y1.y, y2.y) - low;
+    return vec4(low + u.z * climb, 0.0) + vec4(0.0, w.z * climb);
+}
+
 // The largest texel that a lookup within a voxel can return.
 fn maximum(field: texture_3d<f32>, cell: vec3<i32>) -> f32 {
     let low = max(cell - 1, vec3(0));

@@ -10,6 +10,11 @@ fn one_read(field: texture_3d<f32>, p: vec3<f32>, word: u32) -> f32 {
     return value_at(field, p);
 }
 
+// The field along u + s w, u and w in a voxel, as the coefficients of a cubic in s.
+fn cubic(field: texture_3d<f32>, cell: vec3<i32>, u: vec3<f32>, w: vec3<f32>) -> vec4<f32> {
+    return vec4(texel(field, cell), 0.0, 0.0, 0.0);
+}
+
 // The largest texel that a lookup within a voxel can return.
 fn maximum(field: texture_3d<f32>, cell: vec3<i32>) -> f32 {
     return texel(field, cell);

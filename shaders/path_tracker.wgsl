@@ -54,7 +54,7 @@ fn scatter(f: ptr<function, Flight>) -> f32 {
 // A flight, or a part of it; gives what is to happen next.
 fn go_on(path: ptr<function, Path>, f: ptr<function, Flight>) -> u32 {
     if (*path).state == FLIGHT {
-        set_glow(path, f);
+        set_emitted(path, f);
         (*f).depth = -1.0;
     }
     var way = Way((*f).p, (*f).d * scene.inverse_h, (*f).depth, (*f).word, 0u);
@@ -71,7 +71,7 @@ fn go_on(path: ptr<function, Path>, f: ptr<function, Flight>) -> u32 {
     }
     // What is seen through the medium is no part of the image.
     if (*path).order > 0u {
-        see_glow(path, f, went == COLLIDED);
+        see_emitted(path, f, went == COLLIDED);
         if SEES_OUT && went == LEFT {
             see(path, (*path).order, unbiased(w) * met((*f).d, (*path).chance));
         }

@@ -53,8 +53,6 @@ struct Job {
     // Radiance that is met on leaving the volume wherever that is, by channel; near lights that the image shows.
     background: vec3<f32>,
     images: u32,
-    // What texels of 1 stand for in the source term, by channel.
-    glow: vec3<f32>,
     // The slots of this dispatch.
     slot: u32,
     end: u32,

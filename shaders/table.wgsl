@@ -2,7 +2,7 @@
 // the cells as parts of their row's in 2^-32. These parts are the chances, exactly.
 
 @group(0) @binding(11) var<storage, read> row_ends: array<vec2<u32>>;
-@group(0) @binding(12) var<storage, read> cell_ends: array<u32>;
+@group(0) @binding(12) var cell_ends: texture_3d<u32>;
 
 struct Pick {
     row: u32,
@@ -10,6 +10,11 @@ struct Pick {
     // The rest of u within the cell, within [0, 1), and the chance of the cell.
     rest: f32,
     chance: f32,
+}
+
+// Where a cell ends: the rows fill layers of emitter.height.
+fn cell_end(row: u32, cell: u32) -> u32 {
+    return textureLoad(cell_ends, vec3(cell, row % emitter.height, row / emitter.height), 0).x;
 }
 
 // The cell at the part u of all mass.
@@ -29,19 +34,18 @@ fn pick_cell(u: vec2<u32>) -> Pick {
     let before = select(row_ends[max(row, 1u) - 1u], vec2(0u), row == 0u);
     let mass = sub64(row_ends[row], before);
     let x = min(fraction64(sub64(u, before), mass), 0xfffffffeu);
-    let base = row * emitter.width;
     low = 0u;
     high = emitter.width - 1u;
     while low < high {
         let middle = (low + high) / 2u;
-        if x < cell_ends[base + middle] {
+        if x < cell_end(row, middle) {
             high = middle;
         } else {
             low = middle + 1u;
         }
     }
-    let start = select(cell_ends[base + max(low, 1u) - 1u], 0u, low == 0u);
-    let width = f32(cell_ends[base + low] - start);
+    let start = select(cell_end(row, max(low, 1u) - 1u), 0u, low == 0u);
+    let width = f32(cell_end(row, low) - start);
     let chance = float64(mass) * (1.0 / 18446744073709551616.0) * (width * (1.0 / 4294967296.0));
     return Pick(row, low, (f32(x - start) + 0.5) / width, chance);
 }

@@ -1,14 +1,12 @@
-// Tallies: integers of 64 bits in two words, which all invocations add to in any order with the same sums.
-
-@group(0) @binding(15) var<storage, read_write> tally_low: array<atomic<u32>>;
-@group(0) @binding(16) var<storage, read_write> tally_high: array<atomic<u32>>;
+// Tallies: integers of 64 bits in two words, which all invocations add to in any order with the same sums. A file tally_*
+// gives the words: add_low(bin, units) and add_high(bin, units), which return what was there before.
 
 // Adds a number of 64 bits (two's complement) to a bin.
 fn add_wide(bin: u32, units: vec2<u32>) {
-    let before = atomicAdd(&tally_low[bin], units.x);
+    let before = add_low(bin, units.x);
     let carry = units.y + u32(before + units.x < before);
     if carry != 0u {
-        let high = atomicAdd(&tally_high[bin], carry);
+        let high = add_high(bin, carry);
         // Beyond 2^63 the sum would change its sign.
         if ((high ^ carry) & 0x80000000u) == 0u && ((high ^ (high + carry)) & 0x80000000u) != 0u {
             atomicOr(&counters[OVERFLOW], 1u);

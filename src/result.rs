@@ -85,6 +85,8 @@ pub enum Stopped {
     TimeLimit,
     /// It was asked to.
     Progress,
+    /// The GPU was lost.
+    DeviceLost,
 }
 
 /// An image in layers, row by row from the top, channels fastest.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _mcrt
 from ._arguments import channels, choice, flag, integer, not_yet, positive, wrong
-from ._errors import SceneError
+from ._errors import DeviceLostError, SceneError
 from ._medium import Medium, emission_planes
 from ._progress import reporting
 from ._records import Plan
@@ -88,7 +88,10 @@ def simulate(
         order that the plan picks from the phase function and the target error, for every camera;
         the plan says what that leaves out of orders >= 2 (nothing for `Rayleigh`). A number, 0 to
         8, is the order itself; it takes (order + 1)^2 times the memory of the tallies.
-    backend : "auto" or "cpu"
+    backend : "auto", "cpu", "gpu" or "gpu:NAME"
+        "auto" takes a GPU where there is one, and else the CPU; "gpu" takes any adapter, also one
+        that a processor plays; "gpu:NAME" the one with this in its name, "gpu:low" and "gpu:high"
+        by its power. The environment variable MCRT_BACKEND says what "auto" means.
     seed : int
         0 to 2^64 - 1. The same seed gives the same bits, whatever `threads` is.
     threads : int, optional
@@ -114,7 +117,11 @@ def simulate(
     SceneError
         If an argument is not allowed: the message says what was given, what is allowed, and where.
     VolumeTooLargeError
-        If the run needs more memory than there is.
+        If the run needs more memory than there is, or than the GPU can hold.
+    NoAdapterError
+        If there is no GPU adapter, or none of that name.
+    DeviceLostError
+        If the GPU is lost; the error holds what was finished, and can go on from there.
 
     Notes
     -----
@@ -122,8 +129,27 @@ def simulate(
     (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' + L_e for the radiance L.
     """
     scene, settings, progress = _parse(locals())
-    with reporting(progress) as report:
-        return Result(scene, settings, _mcrt.simulate(scene, settings, report))
+    return _run(scene, settings, progress)
+
+
+def _run(
+    scene: dict[str, Any], settings: dict[str, Any], progress: Any, before: Any = None
+) -> Result:
+    """Run, or go on with what a lost device cut short."""
+
+    def resume(progress: Any = None) -> Result:
+        return _run(scene, settings, progress, before)
+
+    try:
+        with reporting(progress) as report:
+            data = _mcrt.simulate(scene, settings, report, before)
+    except DeviceLostError as error:
+        raise DeviceLostError(str(error), None, resume) from None
+    lost, before = data.pop("lost", None), data.pop("unfinished", None)
+    result = Result(scene, settings, data)
+    if lost is not None:
+        raise DeviceLostError(lost, result, resume)
+    return result
 
 
 def plan(volume: ArrayLike | Medium, **arguments: Any) -> Plan:
@@ -216,7 +242,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "target_error": optional("target_error", positive),
         "time_limit": optional("time_limit", positive),
         "max_scatterings": optional("max_scatterings", integer, 0, 2**31 - 1),
-        "backend": arguments["backend"],
+        "backend": _backend(arguments["backend"]),
         "seed": integer("seed", arguments["seed"], 0, 2**64 - 1),
         "threads": optional("threads", integer, 1, 1024),
         "errors": flag("errors", arguments["errors"]),
@@ -225,6 +251,15 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "over_voxels": arguments["camera"] is None,
         "simd": os.environ.get("MCRT_SIMD") or None,
     }
+
+
+def _backend(value: Any) -> str:
+    """What runs it; the Rust core looks for the adapter."""
+    if not isinstance(value, str):
+        raise wrong("backend", '"auto", "cpu", "gpu" or "gpu:NAME"', value)
+    if value == "auto":
+        return os.environ.get("MCRT_BACKEND") or "auto"
+    return value
 
 
 def _method_and_outputs(volume: Any, method: str, outputs: Any) -> tuple[str, tuple[str, ...]]:

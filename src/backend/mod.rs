@@ -7,6 +7,7 @@ pub mod run;
 pub mod shot;
 
 use crate::error::{Result, scene_error};
+use crate::plan::{Adapter, Settings};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -22,6 +23,20 @@ pub enum Device {
 }
 
 impl Device {
+    /// What a plan must know of it: the adapter, or `None` for the CPU.
+    pub fn adapter(&self) -> Option<Adapter> {
+        match self {
+            Device::Cpu => None,
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => Some(Adapter {
+                name: gpu.description.name.clone(),
+                software: gpu.software,
+                binding: gpu.binding(),
+                extent: gpu.description.extent,
+            }),
+        }
+    }
+
     /// The device that `wish` means: "cpu"; "gpu", which takes any adapter, the fastest kind first; "gpu:NAME", one with this
     /// in its name, or "gpu:low" and "gpu:high" by its power; "auto" takes an adapter that is no processor, or else the CPU.
     pub fn open(wish: &str) -> Result<Self> {
@@ -39,6 +54,24 @@ impl Device {
                 "backend = {wish:?} is not allowed; \"auto\", \"cpu\", \"gpu\" and \"gpu:NAME\" are"
             )),
         }
+    }
+}
+
+impl Device {
+    /// Gives an adapter up, as a driver does that crashes.
+    pub fn lose(&self) {
+        match self {
+            Device::Cpu => {}
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.lose(),
+        }
+    }
+}
+
+impl Settings {
+    /// The same settings on a device, which was asked for or found.
+    pub fn on(self, device: &Device, asked: bool) -> Self {
+        Settings { adapter: device.adapter(), asked, ..self }
     }
 }
 

@@ -25,14 +25,37 @@ pub trait Shooter {
     fn bins(&mut self) -> Result<&mut [Vec<Bins>]>;
 }
 
-/// Runs a plan.
-pub fn run(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
+/// A run that a lost device cut short: what it had finished, from which it goes on to the same bits.
+#[derive(Debug, Clone)]
+pub struct Unfinished {
+    /// What happened.
+    pub why: Error,
+    rest: Shot,
+}
+
+/// Runs a plan, or goes on with a run of it that was cut short. The second value is there if this was cut short too; what
+/// it had finished is the outcome then.
+pub fn run(
+    plan: &Plan,
+    device: &Device,
+    control: &Control,
+    before: Option<Unfinished>,
+) -> Result<(Outcome, Option<Unfinished>)> {
     cpu::with_threads(plan.settings.threads, || {
-        if plan.paths.is_some() { path::run(plan, device, control) } else { run_here(plan, device, control) }
+        if plan.paths.is_some() {
+            path::run(plan, device, control).map(|outcome| (outcome, None))
+        } else {
+            run_here(plan, device, control, before)
+        }
     })?
 }
 
-fn run_here(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
+fn run_here(
+    plan: &Plan,
+    device: &Device,
+    control: &Control,
+    before: Option<Unfinished>,
+) -> Result<(Outcome, Option<Unfinished>)> {
     let occupancy = Occupancy::new(&plan.scene.medium.volume);
     let occupancy = occupancy.as_ref();
     let columns = light_grids(plan, occupancy, control);
@@ -50,15 +73,26 @@ fn run_here(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> 
         return Err(Error::Interrupted);
     }
     let light_seconds = control.seconds();
-    let mut shot = Shot::new(plan);
+    let mut shot = before.map_or_else(|| Shot::new(plan), |before| before.rest);
+    let mut unfinished = None;
     if plan.shoots() && !emitters.is_empty() {
-        let mut shooter: Box<dyn Shooter> = match device {
-            Device::Cpu => cpu::shooter(plan, &emitters),
-            #[cfg(feature = "gpu")]
-            Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
-        };
         let power = emitters.iter().map(|e| e.power).sum();
-        batches(plan, &mut *shooter, power, &views, occupancy, control, &mut shot)?;
+        let shooting = || -> Result<Box<dyn Shooter + '_>> {
+            Ok(match device {
+                Device::Cpu => cpu::shooter(plan, &emitters),
+                #[cfg(feature = "gpu")]
+                Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
+            })
+        };
+        let ended = shooting()
+            .and_then(|mut shooter| batches(plan, &mut *shooter, power, &views, occupancy, control, &mut shot));
+        match ended {
+            Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
+                shot.stopped = Stopped::DeviceLost;
+                unfinished = Some(Unfinished { why, rest: shot.clone() });
+            }
+            ended => ended?,
+        }
     }
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
@@ -71,7 +105,7 @@ fn run_here(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> 
         .map(|(light, grid)| grid.filter(|_| light.column == Column::Grid && plan.settings.image))
         .collect();
     outcome.seconds = [light_seconds, photon_seconds, control.seconds() - light_seconds - photon_seconds];
-    Ok(outcome)
+    Ok((outcome, unfinished))
 }
 
 /// The light grids of the lights that need them; the sweep that finds them is linear in the voxels, and the same for all
@@ -115,7 +149,9 @@ fn batches(
 ) -> Result<()> {
     let unit = bin_unit(plan);
     let round = plan.subvolumes.max(8) as u64;
-    let mut goal = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
+    let first = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
+    let mut goal = shot.goal.unwrap_or(first);
+    shot.stopped = Stopped::Photons;
     loop {
         while shot.batches < goal {
             let photons = plan.photons_of(shot.batches);
@@ -156,5 +192,6 @@ fn batches(
         let room = (target * target - bias * bias).max(0.19 * target * target);
         let factor = (noise * noise / room * 1.05).clamp(1.1, 8.0);
         goal = ((shot.batches as f64 * factor) as u64).div_ceil(round) * round;
+        shot.goal = Some(goal);
     }
 }

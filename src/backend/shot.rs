@@ -8,7 +8,7 @@ use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use rayon::prelude::*;
 
 /// What the photons left.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Shot {
     /// Fluence of all tallied orders.
     pub fluence: Moments,
@@ -26,6 +26,8 @@ pub struct Shot {
     pub batches: u64,
     /// Photons walked.
     pub photons: u64,
+    /// Batches after which the error is looked at next, once that is known.
+    pub goal: Option<u64>,
     /// Why it ended.
     pub stopped: Stopped,
     /// What the user should know.
@@ -52,6 +54,7 @@ impl Shot {
             energies: Vec::new(),
             batches: 0,
             photons: 0,
+            goal: None,
             stopped: Stopped::Photons,
             warning: None,
         }

@@ -49,6 +49,12 @@ pub fn memory(plan: &Plan) -> Memory {
         ("image sums", sums),
         ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
     ];
+    if plan.settings.adapter.is_some() {
+        parts.push(("tally bins (GPU)", values * 8 * words(plan) as u64));
+        parts.push(("density (GPU)", if volume.is_constant() { 0 } else { voxels * 4 }));
+        parts.push(("first collisions (GPU)", voxels * 4 * first));
+        parts.push(("light grids (GPU)", nodes * 4 * grids));
+    }
     if let Some(grid) = &plan.majorant {
         parts.push(("majorant grid", grid.density.len() as u64 * 4));
     }
@@ -92,6 +98,9 @@ fn words(plan: &Plan) -> usize {
 
 /// Sets of bins per layer: one per thread while they are small, which spares locked additions; else one.
 pub fn bin_sets(plan: &Plan) -> usize {
+    if plan.settings.adapter.is_some() {
+        return 1;
+    }
     let sets = threads(plan.settings.threads);
     let bytes = plan.scene.medium.volume.voxels() * plan.channels * 4 * words(plan);
     if bytes * sets <= PRIVATE_BINS { sets } else { 1 }
@@ -121,6 +130,37 @@ pub fn check_memory(plan: &Plan) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Buffers that the tallies may be split into on a GPU.
+pub const TALLY_PARTS: u64 = 4;
+
+/// Refuses a plan that the adapter cannot hold.
+pub fn check_adapter(plan: &Plan) -> Result<()> {
+    let Some(adapter) = &plan.settings.adapter else { return Ok(()) };
+    let n = plan.scene.medium.volume.n();
+    let refuse = |what: String| Err(Error::VolumeTooLarge(format!("{what}; use backend=\"cpu\"")));
+    if n.iter().any(|&m| m + 2 > adapter.extent as usize) {
+        return refuse(format!(
+            "the volume's shape (nz, ny, nx) = ({}, {}, {}) is too large for the GPU {}, whose textures hold up to {} \
+             voxels along each axis",
+            n[2],
+            n[1],
+            n[0],
+            adapter.name,
+            adapter.extent - 2
+        ));
+    }
+    let bins = (plan.scene.medium.volume.voxels() * plan.channels * words(plan)) as u64;
+    let most = (adapter.binding / 4 * TALLY_PARTS).min(u64::from(u32::MAX));
+    if bins > most {
+        return refuse(format!(
+            "the run tallies {bins} values, and the GPU {} holds {most} of them; outputs=(\"image\",) or fewer \
+             channels would need less",
+            adapter.name
+        ));
+    }
+    Ok(())
 }
 
 /// Refuses an image that does not fit: `values` numbers per pixel.

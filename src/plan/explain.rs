@@ -1,6 +1,6 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
-use super::{Column, Connection, Direct, Emission, LightPlan, Method};
+use super::{Column, Connection, Direct, Emission, LightPlan, Method, Settings};
 use crate::scene::Light;
 use crate::scene::medium::Emission as Glow;
 
@@ -24,6 +24,16 @@ pub(super) struct Explain {
 impl Explain {
     pub fn push(&mut self, name: &'static str, choice: String, reason: String) {
         self.decisions.push(Decision { name, choice, reason });
+    }
+
+    pub fn device(&mut self, settings: &Settings) {
+        let (choice, reason) = match (&settings.adapter, settings.asked) {
+            (Some(adapter), true) => (format!("gpu: {}", adapter.name), "asked for"),
+            (Some(adapter), false) => (format!("gpu: {}", adapter.name), "a GPU was found"),
+            (None, true) => ("cpu".into(), "asked for"),
+            (None, false) => ("cpu".into(), "no GPU was found (a software adapter is taken only if asked for)"),
+        };
+        self.push("backend", choice, reason.into());
     }
 
     pub fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {

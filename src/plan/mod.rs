@@ -15,7 +15,7 @@ pub use explain::Decision;
 pub use lights::{Column, Direct, Emission, LightPlan, points_for};
 pub use majorant::{MajorantGrid, StepCosts};
 pub use path::{Connection, PathPlan};
-pub use settings::{Angular, Method, Settings, Simd, Tracker};
+pub use settings::{Adapter, Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
 use crate::physics::harmonics::count;
@@ -122,6 +122,7 @@ impl<'a> Plan<'a> {
             (target, ..) => target,
         };
 
+        why.device(settings);
         let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
         if method == Method::Path && settings.angular != Angular::Eye {
             return scene_error(
@@ -294,6 +295,7 @@ impl<'a> Plan<'a> {
         }
         plan.warnings.extend(truncation.filter(|_| plan.width() > 1));
         cost::check_memory(&plan)?;
+        cost::check_adapter(&plan)?;
         Ok(plan)
     }
 

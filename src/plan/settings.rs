@@ -111,6 +111,19 @@ impl FromStr for Simd {
     }
 }
 
+/// The adapter that runs a plan, and what it allows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Adapter {
+    /// Its name.
+    pub name: String,
+    /// Whether a processor plays the GPU.
+    pub software: bool,
+    /// The largest buffer that a kernel may see at once [bytes].
+    pub binding: u64,
+    /// The largest extent of a volume along an axis [voxels].
+    pub extent: u32,
+}
+
 /// The settings of a run; `None` leaves the choice to the plan.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -146,6 +159,10 @@ pub struct Settings {
     pub angular: Angular,
     /// Instructions to walk photons with; `None` for the best that the machine has.
     pub simd: Option<Simd>,
+    /// The adapter that runs it, `None` for the CPU.
+    pub adapter: Option<Adapter>,
+    /// Whether that was asked for.
+    pub asked: bool,
     /// Whether `target_error` is over voxels rather than pixels.
     pub over_voxels: bool,
 }
@@ -169,6 +186,8 @@ impl Default for Settings {
             force: false,
             angular: Angular::Eye,
             simd: None,
+            adapter: None,
+            asked: false,
             over_voxels: false,
         }
     }

@@ -217,6 +217,7 @@ pub fn settings(dict: &Bound<'_, PyDict>) -> PyResult<Settings> {
         },
         simd: optional::<String>(dict, "simd")?.map(|s| s.parse()).transpose().map_err(fail)?,
         over_voxels: get(dict, "over_voxels")?.extract()?,
+        ..Settings::default()
     };
     settings.validate().map_err(fail)?;
     Ok(settings)

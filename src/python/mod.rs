@@ -7,7 +7,7 @@ use crate::backend::Device;
 use crate::backend::cpu::angular::Towards;
 use crate::backend::cpu::gather::{Volumes, beams, image};
 use crate::backend::cpu::{self, pixel_error};
-use crate::backend::run::run;
+use crate::backend::run;
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
@@ -25,8 +25,8 @@ use pyo3::types::{PyDict, PyList};
 mod _mcrt {
     #[pymodule_export]
     use super::{
-        check_camera, check_light, check_phase, default_lights, framing_camera, gather, info, phase_eval, phase_sample,
-        plan, simulate,
+        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, info, lose_device,
+        phase_eval, phase_sample, plan, simulate,
     };
 }
 
@@ -111,27 +111,54 @@ fn plan<'py>(
     scene: &Bound<'py, PyDict>,
     settings: &Bound<'py, PyDict>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let (device, wish) = device(py, settings)?;
     let held = Held::new(scene)?;
-    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?);
+    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?.on(&device, wish != "auto"));
     let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
     describe(py, &plan)
 }
 
-/// Runs a plan.
+/// A run that a lost device cut short, to go on from.
+#[pyclass(frozen, module = "mcrt._mcrt")]
+struct Unfinished(run::Unfinished);
+
+/// Where a plan is to run.
+fn device(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<(Device, String)> {
+    let wish = convert::optional::<String>(settings, "backend")?.unwrap_or_else(|| "auto".into());
+    let device = py.detach(|| Device::open(&wish)).map_err(|e| to_py(py, e))?;
+    Ok((device, wish))
+}
+
+/// Runs a plan, or goes on with a run of it that was cut short. If this is cut short too, the dictionary has the entries
+/// "lost", what happened, and "unfinished", to go on from.
 #[pyfunction]
+#[pyo3(signature = (scene, settings, progress, before=None))]
 fn simulate<'py>(
     py: Python<'py>,
     scene: &Bound<'py, PyDict>,
     settings: &Bound<'py, PyDict>,
     progress: Option<Bound<'py, PyAny>>,
+    before: Option<&Bound<'py, Unfinished>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let wish = convert::optional::<String>(settings, "backend")?.unwrap_or_else(|| "auto".into());
+    let (device, wish) = device(py, settings)?;
     let held = Held::new(scene)?;
-    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?);
-    let device = py.detach(|| Device::open(&wish)).map_err(|e| to_py(py, e))?;
+    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?.on(&device, wish != "auto"));
     let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
-    let outcome = watch::run(py, settings.time_limit, progress.as_ref(), |control| run(&plan, &device, control))?;
-    report(py, &plan, outcome)
+    let before = before.map(|before| before.get().0.clone());
+    let (outcome, unfinished) =
+        watch::run(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
+    let out = report(py, &plan, outcome)?;
+    if let Some(unfinished) = unfinished {
+        out.set_item("lost", unfinished.why.to_string())?;
+        out.set_item("unfinished", Bound::new(py, Unfinished(unfinished))?)?;
+    }
+    Ok(out)
+}
+
+/// Gives up the device that a backend means, as a driver does that crashes: what runs on it is lost.
+#[pyfunction]
+fn lose_device(py: Python<'_>, backend: &str) -> PyResult<()> {
+    py.detach(|| Device::open(backend).map(|device| device.lose())).map_err(|e| to_py(py, e))
 }
 
 /// Images from what a run left in the voxels.
@@ -240,7 +267,7 @@ fn describe<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     out.set_item("method", format!("{:?}", plan.method).to_lowercase())?;
     out.set_item("tracker", format!("{:?}", plan.tracker).to_lowercase())?;
-    out.set_item("backend", "cpu")?;
+    out.set_item("backend", if plan.settings.adapter.is_some() { "gpu" } else { "cpu" })?;
     out.set_item("channels", plan.channels)?;
     let decisions: Vec<_> = plan.decisions.iter().map(|d| (d.name, &d.choice, &d.reason)).collect();
     out.set_item("decisions", decisions)?;
@@ -331,6 +358,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         Stopped::TargetError => "target_error",
         Stopped::TimeLimit => "time_limit",
         Stopped::Progress => "progress",
+        Stopped::DeviceLost => "device lost",
     };
     stats.set_item("stopped_by", stopped)?;
     out.set_item("stats", stats)?;

@@ -17,7 +17,7 @@ const UNSEEN: f64 = 50.0;
 const SHORTEST: f64 = 1e-9;
 
 /// The source term and the density that it is seen through.
-pub(super) struct Glow<'a> {
+pub struct Glow<'a> {
     density: Field<'a>,
     emission: Vec<Field<'a>>,
     extinction: [f64; 3],

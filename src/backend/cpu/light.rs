@@ -135,6 +135,11 @@ impl<'a> Illumination<'a> {
         self.nodes.filter(|_| !self.rays)
     }
 
+    /// The nodes of its light grid along x, y, z.
+    pub fn layers(&self) -> [usize; 3] {
+        self.field.n().map(|m| m as usize + 2)
+    }
+
     /// The light grid, if there is one, whether or not columns are interpolated in it.
     pub fn grid(&self) -> Option<&'a [f32]> {
         self.nodes

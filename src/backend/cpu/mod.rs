@@ -2,7 +2,7 @@
 
 pub mod angular;
 pub mod emit;
-mod emitted;
+pub mod emitted;
 mod even;
 pub mod flights;
 pub mod gather;

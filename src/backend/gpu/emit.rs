@@ -1,10 +1,12 @@
 //! Emitters on the GPU: where photons start, as constants and tables.
 
 use super::device::Gpu;
-use super::kernel::Binding;
+use super::glow::Glow;
+use super::kernel::{Binding, Source};
 use super::lights::Lights;
+use super::map::Maps;
 use crate::backend::cpu::emit::{Emitter, Kind, cone, sum_of};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::scene::Scene;
 use bytemuck::{Pod, Zeroable};
 
@@ -37,8 +39,10 @@ pub struct Start {
     /// What does not change from batch to batch.
     constants: Constants,
     uniform: wgpu::Buffer,
-    table: Option<[wgpu::Buffer; 2]>,
+    table: Option<(wgpu::Buffer, wgpu::TextureView)>,
     lights: Option<Lights>,
+    maps: Option<Maps>,
+    glow: Option<Glow>,
     /// The shader files of its kind.
     pub files: Vec<&'static str>,
     /// Loop iterations that a start may take.
@@ -89,7 +93,9 @@ impl Start {
         let single = |v: [f64; 3]| v.map(|c| c as f32);
         let mut constants = Constants { flag: 1, ..Constants::default() };
         let mut files = vec!["start"];
-        let (mut table, mut lights, mut scale, mut iterations) = (None, None, 1.0, 0);
+        let (mut table, mut lights, mut maps, mut glow) = (None, None, None, None);
+        let (mut scale, mut iterations) = (1.0, 0);
+        let (mut rows, mut columns, mut height) = (n[1] * n[2], n[0], n[1]);
         let mut faces = |areas: &[f64; 3]| {
             let total = areas.iter().sum::<f64>();
             constants.below_x = split(part(areas[0] / total));
@@ -132,15 +138,29 @@ impl Start {
             }
             Kind::Medium(glowing) => {
                 files.extend(["start_medium", "table"]);
+                glow = Glow::new(gpu, &scene.medium)?;
+                files.extend(glow.iter().map(Glow::emission));
                 table = Some(tables(&glowing.rows, n[0], |at| sum_of(&glowing.fields, at)));
                 constants.flag = glowing.fields.len() as u32;
                 iterations = 64;
             }
-            Kind::Map { .. } => return Err(Error::Internal("maps do not shoot on the GPU yet".into())),
+            Kind::Map { shower, faces: areas } => {
+                files.extend(["start_map", "table", "map"]);
+                let (bounds, [width, lines]) = (shower.bounds(), shower.map().size());
+                table = Some(tables(bounds.rows(), width, |at| bounds.mass(at / width, at % width)));
+                maps = Some(Maps::new(gpu, std::iter::once(shower.map()))?);
+                constants.faces = single(*areas);
+                constants.distance = bounds.total() as f32;
+                (rows, columns, height) = (lines, width, lines);
+                iterations = 32 * 64;
+            }
         }
-        (constants.rows, constants.width, constants.height) = ((n[1] * n[2]) as u32, n[0] as u32, n[1] as u32);
+        (constants.rows, constants.width, constants.height) = (rows as u32, columns as u32, height as u32);
         let table = match table {
-            Some((rows, cells)) => Some([gpu.buffer(&rows)?, gpu.buffer(&cells)?]),
+            Some((ends, cells)) => {
+                let n = [columns, height, rows / height];
+                Some((gpu.buffer(&ends)?, gpu.texture(n, wgpu::TextureFormat::R32Uint, bytemuck::cast_slice(&cells))?))
+            }
             None => None,
         };
         let uniform = gpu.uniform(&constants)?;
@@ -149,6 +169,8 @@ impl Start {
             uniform,
             table,
             lights,
+            maps,
+            glow,
             files,
             iterations,
             power: emitter.power,
@@ -173,13 +195,23 @@ impl Start {
         gpu.write(&self.uniform, 0, &[constants]);
     }
 
+    /// Sets the constants of a kernel with its files.
+    pub fn set(&self, source: Source) -> Source {
+        match &self.glow {
+            Some(glow) => glow.set(source),
+            None => source,
+        }
+    }
+
     /// For kernels.
     pub fn bindings(&self) -> Vec<(&'static str, Binding<'_>)> {
         let mut list = vec![("emitter", Binding::Buffer(&self.uniform))];
-        if let Some([rows, cells]) = &self.table {
-            list.extend([("row_ends", Binding::Buffer(rows)), ("cell_ends", Binding::Buffer(cells))]);
+        if let Some((rows, cells)) = &self.table {
+            list.extend([("row_ends", Binding::Buffer(rows)), ("cell_ends", Binding::Texture(cells))]);
         }
         list.extend(self.lights.iter().flat_map(Lights::bindings));
+        list.extend(self.maps.iter().flat_map(Maps::bindings));
+        list.extend(self.glow.iter().flat_map(Glow::bindings));
         list
     }
 }

@@ -25,6 +25,12 @@ impl Source {
         Source { files: list, constants: BTreeMap::new() }
     }
 
+    /// Leaves a file out.
+    pub fn without(mut self, file: &str) -> Self {
+        self.files.retain(|one| *one != file);
+        self
+    }
+
     /// Sets a constant; one that no file declares is left out.
     pub fn with(mut self, name: &'static str, value: impl Into<f64>) -> Self {
         self.constants.insert(name, value.into().to_bits());

@@ -25,24 +25,29 @@ pub struct Light {
 #[derive(Debug)]
 pub struct Lights {
     list: wgpu::Buffer,
-    nodes: wgpu::Buffer,
+    nodes: wgpu::TextureView,
     /// How many there are.
     pub count: u32,
 }
 
 impl Lights {
-    /// Uploads lights, each with the chance of a correcting ray (1 where that is no matter). Light grids that do not fit into
-    /// a buffer are left out: rays then find the depth.
+    /// Uploads lights, each with the chance of a correcting ray (1 where that is no matter). Light grids that do not fit on
+    /// top of each other are left out: rays then find the depth.
     pub fn new<'a>(gpu: &Gpu, views: impl Iterator<Item = (&'a Illumination<'a>, f32)>) -> Result<Self> {
         let (mut list, mut nodes) = (Vec::new(), Vec::new());
+        let (mut n, mut layers) = ([1; 3], 0);
         for (view, check) in views {
             let (place, is_point) = match view.source {
                 Source::Point(p) => (p, 1),
                 Source::Directional(d) => (d, 0),
             };
-            let first = nodes.len() as u32;
-            let grid = view.grid().filter(|grid| ((nodes.len() + grid.len()) * 4) as u64 <= gpu.binding());
-            nodes.extend_from_slice(grid.unwrap_or_default());
+            let grid = view.grid().filter(|_| layers + view.layers()[2] <= gpu.description.extent as usize);
+            let first = layers as u32;
+            if let Some(grid) = grid {
+                nodes.extend_from_slice(grid);
+                layers += view.layers()[2];
+                n = view.layers();
+            }
             list.push(Light {
                 place,
                 is_point,
@@ -56,12 +61,14 @@ impl Lights {
         }
         let count = list.len() as u32;
         list.resize(list.len().max(1), Light::default());
-        nodes.resize(nodes.len().max(1), 0.0);
-        Ok(Lights { list: gpu.buffer(&list)?, nodes: gpu.buffer(&nodes)?, count })
+        nodes.resize(nodes.len().max(1), 0.0f32);
+        let n = [n[0], n[1], layers.max(1)];
+        let nodes = gpu.texture(n, wgpu::TextureFormat::R32Float, bytemuck::cast_slice(&nodes))?;
+        Ok(Lights { list: gpu.buffer(&list)?, nodes, count })
     }
 
     /// For kernels.
     pub fn bindings(&self) -> [(&'static str, Binding<'_>); 2] {
-        [("lights", Binding::Buffer(&self.list)), ("nodes", Binding::Buffer(&self.nodes))]
+        [("lights", Binding::Buffer(&self.list)), ("nodes", Binding::Texture(&self.nodes))]
     }
 }

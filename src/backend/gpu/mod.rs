@@ -9,6 +9,7 @@ pub mod angular;
 pub mod device;
 pub mod emit;
 pub mod gather;
+pub mod glow;
 pub mod kernel;
 pub mod lights;
 pub mod map;
@@ -17,5 +18,6 @@ pub mod scene;
 pub mod shoot;
 mod sources;
 pub mod tracker;
+pub mod tally;
 
 pub use device::Gpu;

@@ -2,10 +2,11 @@
 
 use super::device::{GROUP, Gpu};
 use super::gather::View;
+use super::glow::Glow;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
 use super::map::Maps;
-use super::scene::{GpuScene, Texture};
+use super::scene::GpuScene;
 use super::tracker::Track;
 use crate::backend::cpu::flights::{Course, Scored};
 use crate::backend::cpu::path::connect::Connections;
@@ -17,6 +18,7 @@ use crate::plan::Plan;
 use crate::scene::environment::Map;
 use crate::scene::medium::Emission;
 use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
 use std::cell::Cell;
 use std::ops::Range;
 use std::sync::Arc;
@@ -37,10 +39,9 @@ struct Job {
     steps: u32,
     background: [f32; 3],
     images: u32,
-    glow: [f32; 3],
     slot: u32,
     end: u32,
-    spare: [u32; 3],
+    spare: [u32; 2],
 }
 
 /// `Image` of `shaders/paths.wgsl`.
@@ -57,6 +58,8 @@ const STATE: u64 = 304;
 const RAYS: usize = 1 << 19;
 /// View rays under way at once: on a GPU, and on a processor that plays one.
 const SLOTS: [u32; 2] = [1 << 16, 1 << 12];
+/// View rays that each slot of a GPU takes in a pass, about.
+const RAYS_OF_SLOT: u64 = 8;
 /// Seconds of a dispatch, about: no desktop freezes, and Ctrl-C is heard.
 const DISPATCH: f64 = 0.05;
 /// Loop iterations of an invocation in one dispatch: a software adapter silently ends all loops after 65,535 of them.
@@ -75,7 +78,7 @@ pub struct Paths<'a> {
     scene: GpuScene,
     lights: Lights,
     maps: Maps,
-    glow: Vec<Texture>,
+    glow: Option<Glow>,
     buffers: Vec<(&'static str, wgpu::Buffer)>,
     job: wgpu::Buffer,
     state: wgpu::Buffer,
@@ -125,12 +128,9 @@ impl<'a> Paths<'a> {
         let far = connections.far.iter().map(|light| (&light.view, light.check));
         let lights = Lights::new(gpu, far.chain(connections.near.iter().map(|view| (view, 1.0))))?;
         let maps = Maps::new(gpu, connections.maps.iter().copied())?;
-        let planes = |glow: &Emission<'a>| -> Result<Vec<Texture>> {
-            let plane = |c| Texture::new(gpu, glow.field(c, &medium.volume).values(), medium.volume.n());
-            (0..glow.channels()).map(plane).collect()
-        };
-        let glow = medium.emission.as_ref().map_or(Ok(Vec::new()), planes)?;
-        let files = [files(plan, connections, glow.len()), track.files].concat();
+        let glow = Glow::new(gpu, medium)?;
+        let planes = medium.emission.as_ref().map_or(0, Emission::channels) as u32;
+        let files = [files(plan, connections, glow.as_ref()), track.files].concat();
         let source = scene
             .source(&files)
             .with("PURPOSE", PATH)
@@ -140,13 +140,14 @@ impl<'a> Paths<'a> {
             .with("NEAR_LIGHTS", connections.near.len() as u32)
             .with("MAPS", maps.count)
             .with("SEES_OUT", u8::from(connections.has_background()))
-            .with("FLIES_OUT", u8::from(connections.has_background() || !glow.is_empty()));
+            .with("FLIES_OUT", u8::from(connections.has_background() || planes > 0))
+            .with("PLANES", planes);
+        let source = glow.as_ref().map_or(source.clone(), |glow| glow.set(source));
         let source = track.constants.iter().fold(source, |source, (name, value)| source.with(name, *value));
-        let effort = Iterations::new(rays, connections, glow.len(), track.iterations).effort(gpu)?;
+        let effort = Iterations::new(rays, connections, planes, track.iterations).effort(gpu)?;
         let kernel = gpu.kernel(source.with("ROUNDS", effort.rounds).with("EVENTS", effort.events))?;
         let seen_at: Vec<Image> = images.iter().map(image).chain([Image::default()]).collect();
         let slots = SLOTS[usize::from(gpu.software)];
-        let unit = |c: usize| glow.get(c % glow.len().max(1)).map_or(0.0, |texture| texture.unit);
         let common = Job {
             resolution: plan.scene.camera.resolution.map(|m| m as u32),
             first: [window[0].0 as u32, window[1].0 as u32],
@@ -154,7 +155,6 @@ impl<'a> Paths<'a> {
             slots,
             background: connections.background,
             images: images.len() as u32,
-            glow: [unit(0), unit(1), unit(2)],
             ..Job::default()
         };
         Ok(Paths {
@@ -187,8 +187,7 @@ impl<'a> Paths<'a> {
         let mut bindings = self.scene.bindings();
         bindings.extend(self.lights.bindings());
         bindings.extend(self.maps.bindings());
-        let glow = ["glow_0", "glow_1", "glow_2"];
-        bindings.extend(glow.into_iter().zip(&self.glow).map(|(name, t)| (name, Binding::Texture(&t.view))));
+        bindings.extend(self.glow.iter().flat_map(Glow::bindings));
         bindings.extend(self.buffers.iter().map(|(name, buffer)| (*name, Binding::Buffer(buffer))));
         bindings.extend([
             ("job", Binding::Buffer(&self.job)),
@@ -229,6 +228,13 @@ impl<'a> Paths<'a> {
 }
 
 impl<const C: usize> Passes<C> for Paths<'_> {
+    fn rays(&self, planned: u64) -> u64 {
+        let pixels = self.rays.window.iter().map(|(first, end)| end.saturating_sub(*first)).product::<usize>();
+        // Enough for slots not to wait for the last one.
+        let filling = RAYS_OF_SLOT * u64::from(self.common.slots) / pixels.max(1) as u64;
+        if self.gpu.software { planned } else { planned.max(filling).min(RAYS as u64) }
+    }
+
     fn take(&self, numbers: Range<u64>, sums: &mut [Sums<C>], halted: &(dyn Fn() -> bool + Sync)) -> Result<u64> {
         let [width, height] = self.rays.plan.scene.camera.resolution;
         let count = (numbers.end - numbers.start) as usize;
@@ -247,14 +253,17 @@ impl<const C: usize> Passes<C> for Paths<'_> {
             };
             let Some((seen, met)) = self.take(&job, &halted)? else { return Ok(collisions) };
             collisions += met;
-            let pixel = |at: usize| (rows.0 + (first + at) / wide) * width + columns.0 + (first + at) % wide;
-            for (at, rays) in seen.chunks_exact(2 * C * count).enumerate() {
-                let sum = &mut sums[pixel(at)];
-                for ray in rays.chunks_exact(2 * C) {
-                    let light = |from: usize| std::array::from_fn(|c| f64::from(ray[from + c]));
-                    sum.add(light(0), light(C));
+            let (top, bottom) = (rows.0 + first / wide, rows.0 + (first + pixels).div_ceil(wide));
+            sums[top * width..bottom * width].par_chunks_mut(width).enumerate().for_each(|(row, sums)| {
+                for (column, sum) in sums[columns.0..columns.1].iter_mut().enumerate() {
+                    let at = (first / wide + row) * wide + column;
+                    let Some(at) = at.checked_sub(first).filter(|&at| at < pixels) else { continue };
+                    for ray in seen[2 * C * count * at..2 * C * count * (at + 1)].chunks_exact(2 * C) {
+                        let light = |from: usize| std::array::from_fn(|c| f64::from(ray[from + c]));
+                        sum.add(light(0), light(C));
+                    }
                 }
-            }
+            });
         }
         Ok(collisions)
     }
@@ -284,7 +293,7 @@ fn by_events(plan: &Plan, scene: &mut GpuScene, gpu: &Gpu) -> Track {
 }
 
 /// The shader files of a plan, apart from those of its flights.
-fn files(plan: &Plan, connections: &Connections, glow: usize) -> Vec<&'static str> {
+fn files(plan: &Plan, connections: &Connections, glow: Option<&Glow>) -> Vec<&'static str> {
     let volume = &plan.scene.medium.volume;
     let mut files = vec!["path", "paths", "primary", "camera", "connect", "light", "flight_state", "roulette"];
     files.push(if plan.lanes { "path_flights" } else { "path_tracker" });
@@ -296,13 +305,12 @@ fn files(plan: &Plan, connections: &Connections, glow: usize) -> Vec<&'static st
     });
     files.push(if connections.near.is_empty() { "near_none" } else { "near_lights" });
     files.extend(if connections.maps.is_empty() { &["maps_none"][..] } else { &["maps_some", "map"] });
-    files.extend(match glow {
-        0 => &["glow_none"][..],
-        1 => &["glow_some", "glow_1"],
-        _ => &["glow_some", "glow_3"],
-    });
-    if glow > 0 {
-        files.push(if plan.chromatic { "emitted_chromatic" } else { "emitted_grey" });
+    match glow {
+        Some(glow) => {
+            files.extend(["emits", glow.emission()]);
+            files.push(if plan.chromatic { "emitted_chromatic" } else { "emitted_grey" });
+        }
+        None => files.push("emits_nothing"),
     }
     files
 }
@@ -324,7 +332,7 @@ struct Effort {
 
 impl Iterations {
     /// Those of a plan; a flight takes `flight`.
-    fn new(rays: &Rays, connections: &Connections, glow: usize, flight: u32) -> Self {
+    fn new(rays: &Rays, connections: &Connections, planes: u32, flight: u32) -> Self {
         let volume = &rays.plan.scene.medium.volume;
         // Cells that a line crosses, and short loops.
         let across = volume.n().iter().sum::<usize>() as u32 + 16;
@@ -336,7 +344,7 @@ impl Iterations {
             starts: rays.paths.starts as u32,
             view: line + rays.images.len() as u32,
             start: line + 24 + near * (3 * line + 2),
-            event: 1 + flight + (far + near) * (2 * line + 1) + maps + glow as u32 * across + line,
+            event: 1 + flight + (far + near) * (2 * line + 1) + maps + planes * across + line,
         }
     }
 

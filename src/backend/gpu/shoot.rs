@@ -4,6 +4,7 @@ use super::device::Gpu;
 use super::emit::Start;
 use super::kernel::{Binding, Kernel, Source};
 use super::scene::{self, GpuScene};
+use super::tally::Tally;
 use crate::backend::Control;
 use crate::backend::cpu::emit::Emitter;
 use crate::backend::cpu::flights::{Course, Scored};
@@ -88,8 +89,7 @@ pub struct Shooting<'a> {
     photons: wgpu::Buffer,
     counters: wgpu::Buffer,
     fates: Option<wgpu::Buffer>,
-    low: wgpu::Buffer,
-    high: wgpu::Buffer,
+    tally: Tally,
     bins: Vec<Vec<Bins>>,
     slots: u32,
     /// Rounds of a dispatch.
@@ -113,15 +113,11 @@ impl<'a> Shooting<'a> {
         let values = (plan.scene.medium.volume.voxels() * plan.channels) as u64;
         let widths: Vec<u64> = plan.layers.iter().map(|layer| values * plan.width_of(*layer) as u64).collect();
         let total: u64 = widths.iter().sum();
-        if total >= u64::from(u32::MAX) {
-            return Err(Error::VolumeTooLarge(format!(
-                "{total} tally bins are more than the 4294967295 that the GPU backend counts; use backend=\"cpu\""
-            )));
-        }
         let mut ready = Vec::with_capacity(emitters.len());
         for emitter in emitters {
             let start = Start::new(gpu, plan.scene, emitter)?;
             let source = source(plan, &on_gpu, &flights, &start, &widths, watched > 0);
+            let source = Tally::layout(gpu, total, source);
             let round = 1 + start.iterations + 2 * plan.channels as u32 + flights.events * flights.iterations;
             let limit = ITERATIONS / round;
             ready.push((start, gpu.kernel(source)?, limit.max(1)));
@@ -139,8 +135,7 @@ impl<'a> Shooting<'a> {
             photons: gpu.empty(u64::from(slots) * size_of::<Photon>() as u64)?,
             counters: gpu.empty((COPIES * WORDS * 4) as u64)?,
             fates: if watched > 0 { Some(gpu.empty(watched as u64 * 8)?) } else { None },
-            low: gpu.empty(total * 4)?,
-            high: gpu.empty(total * 4)?,
+            tally: Tally::new(gpu, total)?,
             bins: widths.iter().map(new).collect(),
             slots,
             rounds: 8,
@@ -159,11 +154,10 @@ impl<'a> Shooting<'a> {
             ("job", Binding::Buffer(&self.job)),
             ("photons", Binding::Buffer(&self.photons)),
             ("counters", Binding::Buffer(&self.counters)),
-            ("tally_low", Binding::Buffer(&self.low)),
-            ("tally_high", Binding::Buffer(&self.high)),
             ("majorants", Binding::Buffer(&self.majorants)),
             ("cell_scores", Binding::Buffer(&self.scores)),
         ]);
+        bindings.extend(self.tally.bindings());
         bindings.extend(self.fates.iter().map(|buffer| ("fates", Binding::Buffer(buffer))));
         let before = self.finished()?;
         loop {
@@ -216,8 +210,7 @@ impl<'a> Shooting<'a> {
 impl Shooter for Shooting<'_> {
     fn batch(&mut self, first: u64, photons: u64, control: &Control, urgent: bool) -> Result<Option<Energies>> {
         self.gpu.clear(&self.counters);
-        self.gpu.clear(&self.low);
-        self.gpu.clear(&self.high);
+        self.tally.clear(self.gpu);
         let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
         let counts = allot(&powers, photons);
         let reference = powers.iter().sum::<f64>() / photons as f64;
@@ -234,9 +227,7 @@ impl Shooter for Shooting<'_> {
     }
 
     fn bins(&mut self) -> Result<&mut [Vec<Bins>]> {
-        let total = self.bins.iter().map(|layer| layer[0].len()).sum();
-        let low: Vec<u32> = self.gpu.read(&self.low, total)?;
-        let high: Vec<u32> = self.gpu.read(&self.high, total)?;
+        let [low, high] = self.tally.read(self.gpu)?;
         let mut from = 0;
         for layer in &mut self.bins {
             let end = from + layer[0].len();
@@ -350,7 +341,17 @@ impl Flights {
 /// The kernel of an emitter.
 fn source(plan: &Plan, scene: &GpuScene, flights: &Flights, start: &Start, widths: &[u64], watched: bool) -> Source {
     let mut files = flights.files.clone();
-    files.extend(["flight_state", "roulette", "photons", "counters", "tally", "deposit", "harmonics"]);
+    files.extend([
+        "flight_state",
+        "roulette",
+        "photons",
+        "counters",
+        "tally",
+        "tally_whole",
+        "tally_parts",
+        "deposit",
+        "harmonics",
+    ]);
     files.push(if watched { "end_fate" } else { "end_nothing" });
     files.push(match plan.harmonics {
         Some(_) => "angular_harmonics",
@@ -370,5 +371,5 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Flights, start: &Start, width
         .with("ANGULAR_FIRST", first(unscattered.1))
         .with("ANGULAR_INNER", first(plan.routes[1].1))
         .with("ANGULAR_LAST", first(plan.routes[2].1));
-    flights.constants.iter().fold(source, |source, (name, value)| source.with(name, *value))
+    flights.constants.iter().fold(start.set(source), |source, (name, value)| source.with(name, *value))
 }

@@ -46,6 +46,16 @@ impl<'a> Shower<'a> {
         self.map.channels
     }
 
+    /// The map.
+    pub fn map(&self) -> &'a Map {
+        self.map
+    }
+
+    /// The masses of its texels, from which directions are drawn.
+    pub fn bounds(&self) -> &Table {
+        &self.bounds
+    }
+
     /// A unit vector to the sky, and each channel's radiance over the sum of all there. `u` within (0, 1) may be stratified;
     /// `more` gives three more uniform numbers a call. `None` only for a dark map.
     pub fn draw(&self, u: f64, mut more: impl FnMut() -> [f64; 3]) -> Option<([f64; 3], [f32; 3])> {

@@ -40,6 +40,11 @@ impl Table {
         self.rows.last().copied().unwrap_or(0.0)
     }
 
+    /// Sums of the rows' masses up to the end of each.
+    pub fn rows(&self) -> &[f64] {
+        &self.rows
+    }
+
     /// The row at the part `u` of all mass, and the rest of `u` within it.
     pub fn row(&self, u: f64) -> (usize, f64) {
         pick(&self.rows, u)

@@ -117,6 +117,11 @@ impl<const C: usize> Sums<C> {
 
 /// What takes view rays of all pixels.
 pub trait Passes<const C: usize> {
+    /// View rays of each pixel that it takes in a pass, of which so many are planned.
+    fn rays(&self, planned: u64) -> u64 {
+        planned
+    }
+
     /// Adds view rays of a range of numbers to all pixels' sums; gives the number of real collisions. What it leaves once
     /// `halted` said so is of no use.
     fn take(&self, rays: Range<u64>, sums: &mut [Sums<C>], halted: &(dyn Fn() -> bool + Sync)) -> Result<u64>;
@@ -300,7 +305,7 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
     }
     'run: loop {
         while done < goal {
-            let numbers = done..(done + paths.pass).min(goal);
+            let numbers = done..(done + taker.rays(paths.pass)).min(goal);
             // Two rays make an error bar: until then the clock does not cut a pass short.
             let urgent = done >= 2;
             let halted = || control.stopped() || (urgent && control.late());
