@@ -38,12 +38,20 @@ struct ViewRay {
     direction: vec3<f32>,
 }
 
-// The ray through a point of a pixel, (0, 0) being its upper left corner and (1, 1) its lower right.
-fn view_ray(pixel: u32, part: vec2<f32>) -> ViewRay {
-    let place = vec2(i32(pixel % view.width) - view.column, i32(pixel / view.width) - view.row);
-    let at = vec2<f32>(place) + part;
-    let q = view.passing + at.x * view.passing_x + at.y * view.passing_y;
-    let d = view.ahead + at.x * view.ahead_x + at.y * view.ahead_y;
+// A point of a pixel, (0, 0) being its upper left corner and (1, 1) its lower right, in pixels from the view's own.
+fn view_place(pixel: u32, part: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(vec2(i32(pixel % view.width) - view.column, i32(pixel / view.width) - view.row)) + part;
+}
+
+// The direction of the ray through a place, its part along the axis of view 1.
+fn view_ahead(place: vec2<f32>) -> vec3<f32> {
+    return view.ahead + place.x * view.ahead_x + place.y * view.ahead_y;
+}
+
+// The ray through a place.
+fn view_ray(place: vec2<f32>) -> ViewRay {
+    let q = view.passing + place.x * view.passing_x + place.y * view.passing_y;
+    let d = view_ahead(place);
     let norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     let direction = d / norm;
     let v = direction / scene.h;

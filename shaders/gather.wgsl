@@ -12,7 +12,6 @@ const U1 = 0.21132487;
 const U2 = 0.7886751;
 
 @group(0) @binding(21) var<storage, read_write> busy: atomic<u32>;
-@group(0) @binding(25) var<storage, read> pixels: array<u32>;
 
 // A view ray within the box.
 struct Ray {
@@ -31,6 +30,9 @@ struct Piece {
     // Steps that it is cut into, none where there is nothing, and their length.
     parts: u32,
     step: f32,
+    // Whether more than a cell is known to be empty, and whether the ray ends.
+    is_clear: bool,
+    is_last: bool,
     contents: Contents,
 }
 
@@ -40,11 +42,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if at >= job.rays || (job.begin == 0u && sums[at].over == 1u) {
         return;
     }
-    let samples = f32(job.samples);
-    let sub = at % rays_per_pixel();
-    let part = (vec2(f32(sub % job.samples), f32(sub / job.samples)) + 0.5) / samples;
-    let seen = view_ray(pixels[at / rays_per_pixel()], part);
-    let least_off = 0.1 * pixel_width(seen.start + 0.5 * seen.length) / samples;
+    let seen = ray_of(at);
+    let least_off = 0.1 * pixel_width(seen.start + 0.5 * seen.length) / f32(job.samples);
     let ray = Ray(seen.p, seen.v, seen.direction, least_off);
     let end = min(seen.length, leave(ray.p, ray.v).t);
     var walk = walk_cells(ray.p, ray.v);
@@ -54,8 +53,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         walk.cell = s.cell;
         walk.next = s.next;
     }
-    var axis = dda_axis(&walk);
-    var piece = piece_in(ray, walk.cell, s.t, min(walk.next[axis], end));
+    var piece = next_piece(&walk, ray, s.t, end);
     for (var i = 0u; i < job.steps && s.over == 0u; i++) {
         if s.part < piece.parts {
             step(&s, ray, piece);
@@ -63,13 +61,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         if s.part >= piece.parts {
             s.part = 0u;
             s.t = max(s.t, piece.t1);
-            let exit = walk.next[axis];
-            if !is_seen(s.column) || exit >= end || !dda_advance(&walk, axis) {
+            if !is_seen(s.column) || piece.is_last || !(piece.is_clear || dda_advance(&walk, dda_axis(&walk))) {
                 s.over = 1u;
                 break;
             }
-            axis = dda_axis(&walk);
-            piece = piece_in(ray, walk.cell, s.t, min(walk.next[axis], end));
+            piece = next_piece(&walk, ray, s.t, end);
         }
     }
     s.cell = walk.cell;
@@ -85,11 +81,24 @@ fn is_seen(column: f32) -> bool {
     return column * min(min(scene.extinction.x, scene.extinction.y), scene.extinction.z) <= OPAQUE;
 }
 
-// What [t0, t1] of a ray meets in a cell.
-fn piece_in(ray: Ray, cell: vec3<i32>, t0: f32, t1: f32) -> Piece {
+// What a ray meets from t0 on: the walk's cell, or nothing, to the end of which the walk is moved.
+fn next_piece(walk: ptr<function, Dda>, ray: Ray, t0: f32, end: f32) -> Piece {
     var piece: Piece;
-    piece.cell = cell;
     piece.t0 = t0;
+    let clear = clear_until(ray.p, ray.v, t0);
+    piece.is_clear = clear > t0;
+    if piece.is_clear {
+        piece.is_last = clear >= end;
+        piece.t1 = min(clear, end);
+        *walk = walk_cells(along(ray.p, ray.v, piece.t1), ray.v);
+        (*walk).next += piece.t1;
+        return piece;
+    }
+    let cell = (*walk).cell;
+    let exit = (*walk).next[dda_axis(walk)];
+    let t1 = min(exit, end);
+    piece.is_last = exit >= end;
+    piece.cell = cell;
     piece.t1 = t1;
     if t1 > t0 {
         let length = t1 - t0;

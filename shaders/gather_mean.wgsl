@@ -5,6 +5,10 @@ struct Pixel {
     spare: f32,
     transmittance: vec3<f32>,
     spare_too: f32,
+    background: vec3<f32>,
+    spare_again: f32,
+    emitted: vec3<f32>,
+    spare_at_last: f32,
     source: vec4<f32>,
 }
 
@@ -18,11 +22,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let count = rays_per_pixel();
     let weight = 1.0 / f32(count);
-    var mean = Pixel(vec3(0.0), 0.0, vec3(0.0), 0.0, vec4(0.0));
+    var mean = Pixel(vec3(0.0), 0.0, vec3(0.0), 0.0, vec3(0.0), 0.0, vec3(0.0), 0.0, vec4(0.0));
     for (var i = 0u; i < count; i++) {
         let s = sums[at * count + i];
         mean.order1 += weight * s.order1;
-        mean.transmittance += weight * rgb(expos(-spectrum(scene.extinction) * s.column));
+        let through = rgb(expos(-spectrum(scene.extinction) * s.column));
+        mean.transmittance += weight * through;
+        mean.background += weight * through * backdrop(view_place(pixels[at], share_of(i)));
+        mean.emitted += weight * rgb(emitted_by(at * count + i));
         mean.source += weight * s.source;
     }
     means[at] = mean;

@@ -11,9 +11,14 @@ struct Job {
     lights: u32,
     // Pixels of this batch.
     pixels: u32,
-    spare: vec2<u32>,
+    // Sky maps behind the volume, and rays per axis by which they are seen within the share of a ray.
+    maps: u32,
+    finer: u32,
     // The channels of four values of the source volume.
     channels: vec4<u32>,
+    // The constant radiance behind the volume.
+    sky: vec3<f32>,
+    spare: u32,
 }
 
 struct Sums {
@@ -36,8 +41,20 @@ struct Sums {
 
 @group(0) @binding(5) var<uniform> job: Job;
 @group(0) @binding(20) var<storage, read_write> sums: array<Sums>;
+@group(0) @binding(25) var<storage, read> pixels: array<u32>;
 
 // Rays of a pixel.
 fn rays_per_pixel() -> u32 {
     return job.samples * job.samples;
+}
+
+// The upper left corner of a ray's share of its pixel, in parts of a pixel.
+fn share_of(ray: u32) -> vec2<f32> {
+    return vec2(f32(ray % job.samples), f32(ray / job.samples)) / f32(job.samples);
+}
+
+// The ray through the middle of its share.
+fn ray_of(ray: u32) -> ViewRay {
+    let count = rays_per_pixel();
+    return view_ray(view_place(pixels[ray / count], share_of(ray % count) + 0.5 / f32(job.samples)));
 }

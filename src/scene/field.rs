@@ -5,10 +5,9 @@ mod line;
 mod occupancy;
 
 pub use line::{Dda, V3, along, floor, leave, leave_ball};
-pub use occupancy::Occupancy;
+pub use occupancy::{BLOCK, Occupancy};
 
 use super::Volume;
-use occupancy::BLOCK;
 
 /// Eight corner values of a cell of trilinear interpolation: those at its lower x face, and at its upper.
 #[derive(Debug, Clone, Copy)]

@@ -14,7 +14,7 @@ use super::shoot::LocalEye;
 use crate::physics::Phase;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
-use backdrop::Backdrop;
+pub use backdrop::Backdrop;
 use close::{Profile, close_light};
 use rayon::prelude::*;
 

@@ -10,7 +10,7 @@ pub struct Occupancy {
 }
 
 /// Voxels per block of [`Occupancy`] and axis.
-pub(super) const BLOCK: usize = 8;
+pub const BLOCK: usize = 8;
 
 impl Occupancy {
     /// The occupied blocks of a volume; `None` where skipping the empty ones would not pay.
@@ -21,6 +21,11 @@ impl Occupancy {
             n: volume.n().map(|m| m.div_ceil(BLOCK) as i32),
             occupied: grid.iter().map(|&d| d > 0.0).collect(),
         })
+    }
+
+    /// Whether each block is occupied, x fastest.
+    pub fn blocks(&self) -> &[bool] {
+        &self.occupied
     }
 
     /// Whether the voxel (i, j, k) may matter to a lookup.

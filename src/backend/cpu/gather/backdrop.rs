@@ -6,8 +6,10 @@ use crate::scene::{Camera, Light, Scene};
 
 /// The environment behind the volume.
 pub struct Backdrop<'a> {
-    constant: [f32; 3],
-    maps: Vec<&'a Map>,
+    /// The sum of constant ones.
+    pub constant: [f32; 3],
+    /// The others.
+    pub maps: Vec<&'a Map>,
 }
 
 impl<'a> Backdrop<'a> {
