@@ -45,7 +45,7 @@ fn look(path: ptr<function, Path>) {
     (*path).state = NEXT;
     // A ray that meets nothing has no paths.
     (*path).begun = STARTS;
-    let ray = view_ray(pixel.y * job.resolution.x + pixel.x, place.xy);
+    let ray = view_ray(view_place(pixel.y * job.resolution.x + pixel.x, place.xy));
     if ray.length <= 0.0 || place.z == 0.0 {
         return;
     }

@@ -17,7 +17,7 @@ pub mod path;
 pub mod scene;
 pub mod shoot;
 mod sources;
-pub mod tracker;
 pub mod tally;
+pub mod tracker;
 
 pub use device::Gpu;

@@ -374,3 +374,72 @@ fn image(place: &[f64; 2]) -> Image {
     let place = place.map(|c| c.clamp(-1e6, 1e6));
     Image { pixel: place.map(|c| c.floor() as i32), place: place.map(|c| (c - c.floor()) as f32) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::kernel::{Source, parse};
+    use super::*;
+    use crate::backend::Control;
+    use crate::backend::run::{illuminations, light_grids};
+    use crate::physics::Phase;
+    use crate::plan::{Method, Settings};
+    use crate::scene::field::Field;
+    use crate::scene::{Albedo, Camera, Light, Medium, Scene, Spectrum, Volume};
+
+    #[test]
+    fn slots_hold_a_path() {
+        let base =
+            ["tables", "real", "wide", "rng", "line", "flight_state", "channels_3", "weights_chromatic", "paths"];
+        let (module, _) = parse(&Source::new(base)).expect("valid");
+        let span = |name: &str| {
+            module.types.iter().find_map(|(_, kind)| match kind.inner {
+                naga::TypeInner::Struct { span, .. } if kind.name.as_deref() == Some(name) => Some(u64::from(span)),
+                _ => None,
+            })
+        };
+        assert_eq!(span("Path"), Some(STATE));
+        assert_eq!(span("Job"), Some(size_of::<Job>() as u64));
+        assert_eq!(span("Image"), Some(size_of::<Image>() as u64));
+    }
+
+    /// What view rays of a cloud see, from dispatches of one pace.
+    fn seen(linear: bool, rays: Range<u64>, pace: Option<Pace>) -> Vec<f64> {
+        let gpu = Gpu::open("").expect("an adapter");
+        let n = [9usize, 8, 7];
+        let density: Vec<f32> = (0..504).map(|i| ((i * 7919) % 101) as f32 / 100.0).collect();
+        let grey = |v: f64| Spectrum::new(&[v], "value").expect("valid");
+        let volume = Volume::new(&density, n, [0.1; 3], [0.0; 3], linear).expect("valid");
+        let medium = Medium::new(volume, grey(20.0), Albedo::Constant(grey(0.99)), Phase::Isotropic).expect("valid");
+        let lights = vec![
+            Light::directional([0.0, 0.3, -1.0], &[1.0]).expect("valid"),
+            Light::point([0.4, 0.3, 0.3], &[1.0]).expect("valid"),
+        ];
+        let camera = Camera::perspective([3.0, -3.0, 2.0], [0.4; 3], [0.0, 0.0, 1.0], 14.0, [13, 11]).expect("valid");
+        let scene = Scene::new(medium, lights, camera);
+        let settings = Settings { method: Some(Method::Path), fluence: false, radiance: false, ..Settings::default() };
+        let plan = Plan::new(&scene, &settings).expect("a plan");
+        let columns = light_grids(&plan, None, &Control::new(None));
+        let views = illuminations(&scene, None, plan.lights.iter().map(|l| l.column), &columns);
+        let connections = Connections::new(&plan, Field::density(&scene.medium.volume), &views);
+        let all = Rays::new(&plan, &connections).expect("paths");
+        let paths = Paths::new(&gpu, &all, &connections).expect("it compiles");
+        let mut sums = vec![Sums::<1>::default(); 13 * 11];
+        if let Some(pace) = pace {
+            paths.pace.set(pace);
+            let paths = Paths { most: pace.steps, ..paths };
+            paths.take(rays, &mut sums, &|| false).expect("it runs");
+        } else {
+            paths.take(rays, &mut sums, &|| false).expect("it runs");
+        }
+        sums.iter().flat_map(Sums::values).collect()
+    }
+
+    #[test]
+    fn bits_do_not_hang_on_dispatches() {
+        for linear in [false, true] {
+            let whole = seen(linear, 3..40, None);
+            assert!(whole.iter().sum::<f64>() > 0.0);
+            assert_eq!(whole, seen(linear, 3..40, Some(Pace { steps: 1, width: 512 })));
+        }
+    }
+}

@@ -102,7 +102,24 @@ pub struct Sums<const C: usize> {
     square: [f64; C],
 }
 
+impl<const C: usize> Default for Sums<C> {
+    fn default() -> Self {
+        Sums { one: [0.0; C], all: [0.0; C], square: [0.0; C] }
+    }
+}
+
 impl<const C: usize> Sums<C> {
+    /// All values.
+    pub fn values(&self) -> impl Iterator<Item = f64> {
+        [self.one, self.all, self.square].into_iter().flatten()
+    }
+
+    /// From all values.
+    fn from_slice(values: &[f64]) -> Self {
+        let part = |k: usize| std::array::from_fn(|c| values[k * C + c]);
+        Sums { one: part(0), all: part(1), square: part(2) }
+    }
+
     /// Adds what a view ray sees: light that was scattered once, and more often.
     #[inline(always)]
     pub fn add(&mut self, one: [f64; C], more: [f64; C]) {
@@ -141,7 +158,7 @@ pub struct Rays<'a> {
 
 impl<'a> Rays<'a> {
     /// Those of a plan.
-    fn new(plan: &'a Plan<'a>, connections: &Connections) -> Result<Self> {
+    pub fn new(plan: &'a Plan<'a>, connections: &Connections) -> Result<Self> {
         let Some(paths) = &plan.paths else { return Err(Error::Internal("the plan has no paths".into())) };
         let camera = &plan.scene.camera;
         let image = |light: &Light| match light {
@@ -154,8 +171,24 @@ impl<'a> Rays<'a> {
     }
 }
 
-/// Runs a plan for paths.
-pub fn run(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
+/// The view rays that were taken before a device was lost.
+#[derive(Debug, Clone)]
+pub struct Taken {
+    /// Sums over the rays of each pixel, by channel.
+    sums: Vec<f64>,
+    done: u64,
+    goal: u64,
+    collisions: u64,
+}
+
+/// Runs a plan for paths, or goes on with a run that a lost device cut short. The second value is there if this was cut
+/// short too; what it had finished is the outcome then.
+pub fn run(
+    plan: &Plan,
+    device: &Device,
+    control: &Control,
+    taken: Option<Taken>,
+) -> Result<(Outcome, Option<(Error, Taken)>)> {
     let occupancy = Occupancy::new(&plan.scene.medium.volume);
     let occupancy = occupancy.as_ref();
     let columns = light_grids(plan, occupancy, control);
@@ -167,52 +200,61 @@ pub fn run(plan: &Plan, device: &Device, control: &Control) -> Result<Outcome> {
     }
     let rays = Rays::new(plan, &connections)?;
     let light_seconds = control.seconds();
-    let mut outcome = match device {
+    let (mut outcome, unfinished) = match device {
         Device::Cpu => match (plan.channels, plan.chromatic) {
-            (1, _) => grey::<1>(&rays, &connections, &field, control)?,
-            (_, false) => grey::<3>(&rays, &connections, &field, control)?,
-            (_, true) => chromatic(&rays, &connections, &field, control)?,
+            (1, _) => grey::<1>(&rays, &connections, &field, control, taken)?,
+            (_, false) => grey::<3>(&rays, &connections, &field, control, taken)?,
+            (_, true) => chromatic(&rays, &connections, &field, control, taken)?,
         },
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
             let paths = gpu::path::Paths::new(gpu, &rays, &connections)?;
             match plan.channels {
-                1 => passes::<1>(&rays, &paths, control)?,
-                _ => passes::<3>(&rays, &paths, control)?,
+                1 => passes::<1>(&rays, &paths, control, taken)?,
+                _ => passes::<3>(&rays, &paths, control, taken)?,
             }
         }
     };
     outcome.seconds = [light_seconds, control.seconds() - light_seconds, 0.0];
-    Ok(outcome)
+    Ok((outcome, unfinished))
 }
 
-fn grey<const C: usize>(rays: &Rays, connections: &Connections, field: &Field, control: &Control) -> Result<Outcome>
+/// What a run of passes gives.
+type Ended = Result<(Outcome, Option<(Error, Taken)>)>;
+
+fn grey<const C: usize>(
+    rays: &Rays,
+    connections: &Connections,
+    field: &Field,
+    control: &Control,
+    taken: Option<Taken>,
+) -> Ended
 where
     for<'a> Woodcock<'a, false>: track::Tracker<C>,
 {
     let plan = rays.plan;
     if plan.lanes {
         let tracer = Laned::<C>::new(plan, connections);
-        return passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control);
+        return passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control, taken);
     }
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {
-            one_by_one::<_, C>(Woodcock::<false>::new(plan, grid), rays, connections, field, control)
+            one_by_one::<_, C>(Woodcock::<false>::new(plan, grid), rays, connections, field, control, taken)
         }
         (Tracker::Analytic, _) => {
             let sigma_t = plan.scene.medium.max_sigma_t() as f32;
             let tracker = Analytic { field: *field, sigma_t, score: plan.score, scores: false };
-            one_by_one::<_, C>(tracker, rays, connections, field, control)
+            one_by_one::<_, C>(tracker, rays, connections, field, control, taken)
         }
-        _ => one_by_one::<_, C>(march::<false>(plan), rays, connections, field, control),
+        _ => one_by_one::<_, C>(march::<false>(plan), rays, connections, field, control, taken),
     }
 }
 
-fn chromatic(rays: &Rays, connections: &Connections, field: &Field, control: &Control) -> Result<Outcome> {
+fn chromatic(rays: &Rays, connections: &Connections, field: &Field, control: &Control, taken: Option<Taken>) -> Ended {
     let plan = rays.plan;
     match &plan.majorant {
-        Some(grid) => one_by_one::<_, 3>(Woodcock::<true>::new(plan, grid), rays, connections, field, control),
-        None => one_by_one::<_, 3>(march::<true>(plan), rays, connections, field, control),
+        Some(grid) => one_by_one::<_, 3>(Woodcock::<true>::new(plan, grid), rays, connections, field, control, taken),
+        None => one_by_one::<_, 3>(march::<true>(plan), rays, connections, field, control, taken),
     }
 }
 
@@ -228,14 +270,15 @@ fn one_by_one<'a, T: track::Tracker<C>, const C: usize>(
     connections: &'a Connections<'a>,
     field: &'a Field,
     control: &Control,
-) -> Result<Outcome> {
+    taken: Option<Taken>,
+) -> Ended {
     let medium = &rays.plan.scene.medium;
     let emission = medium.emission.as_ref();
     let fields = |glow: &Emission<'a>| (0..glow.channels()).map(|c| glow.field(c, &medium.volume)).collect();
     let emission = emission.map_or_else(Vec::new, fields);
     let density = Field::density(&medium.volume);
     let tracer = OneByOne { tracker, connections, medium: Medium::new(rays.plan), density, emission };
-    passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control)
+    passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control, taken)
 }
 
 /// View rays taken by all threads.
@@ -290,18 +333,23 @@ impl<T: Tracer<C>, const C: usize> Passes<C> for OnThreads<'_, T> {
 }
 
 /// Takes pass after pass until the plan, the target, the clock or the user says stop.
-fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control) -> Result<Outcome> {
+fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control, taken: Option<Taken>) -> Ended {
     let Rays { plan, paths, .. } = *rays;
     let [width, height] = plan.scene.camera.resolution;
-    let mut sums = vec![Sums::<C> { one: [0.0; C], all: [0.0; C], square: [0.0; C] }; width * height];
+    let mut sums = vec![Sums::<C>::default(); width * height];
     let dark = plan.orders == 0 || plan.scene.medium.max_albedo() == 0.0 || plan.scene.medium.max_sigma_t() == 0.0;
     let mut stopped = Stopped::Photons;
     let mut glow = None;
+    let mut lost = None;
     let mut collisions = 0;
     let mut done = 0u64;
     let mut goal = paths.rays.unwrap_or(if plan.target_error.is_some() { ROUND } else { u64::MAX });
     if dark {
         (done, goal) = (1, 0);
+    }
+    if let Some(taken) = taken {
+        (done, goal, collisions) = (taken.done, taken.goal, taken.collisions);
+        sums = taken.sums.chunks_exact(3 * C).map(Sums::from_slice).collect();
     }
     'run: loop {
         while done < goal {
@@ -309,8 +357,17 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
             // Two rays make an error bar: until then the clock does not cut a pass short.
             let urgent = done >= 2;
             let halted = || control.stopped() || (urgent && control.late());
-            let before = if urgent { sums.clone() } else { Vec::new() };
-            collisions += taker.take(numbers.clone(), &mut sums, &halted)?;
+            let before = if done > 0 { sums.clone() } else { Vec::new() };
+            match taker.take(numbers.clone(), &mut sums, &halted) {
+                Err(why @ Error::DeviceLost(_)) if done > 0 => {
+                    let flat = before.iter().flat_map(Sums::values).collect();
+                    lost = Some((why, Taken { sums: flat, done, goal, collisions }));
+                    sums = before;
+                    stopped = Stopped::DeviceLost;
+                    break 'run;
+                }
+                met => collisions += met?,
+            }
             if control.stopped() {
                 return Err(Error::Interrupted);
             }
@@ -350,7 +407,7 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
     if taken > 0 && done == 1 {
         warnings.push("one view ray a pixel only: standard errors are not known (infinite)".into());
     }
-    Ok(Outcome {
+    let outcome = Outcome {
         pixels: Some(estimate(&sums, done)),
         photons: taken,
         collisions,
@@ -358,7 +415,8 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
         stopped,
         warnings,
         ..Outcome::default()
-    })
+    };
+    Ok((outcome, lost))
 }
 
 /// What the medium emits and is seen directly, which a target error counts in; `None` where it does not emit.
