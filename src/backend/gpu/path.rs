@@ -183,7 +183,7 @@ impl<'a> Paths<'a> {
 
     /// What the view rays of a job see, 2 values of each channel for each, and the number of real collisions; `None` if it
     /// was halted.
-    fn take(&self, job: &Job, halted: &dyn Fn() -> bool) -> Result<Option<(Vec<f32>, u64)>> {
+    fn trace(&self, job: &Job, halted: &dyn Fn() -> bool) -> Result<Option<(Vec<f32>, u64)>> {
         let mut bindings = self.scene.bindings();
         bindings.extend(self.lights.bindings());
         bindings.extend(self.maps.bindings());
@@ -251,7 +251,7 @@ impl<const C: usize> Passes<C> for Paths<'_> {
                 slots: self.common.slots.min((pixels * count) as u32),
                 ..self.common
             };
-            let Some((seen, met)) = self.take(&job, &halted)? else { return Ok(collisions) };
+            let Some((seen, met)) = self.trace(&job, &halted)? else { return Ok(collisions) };
             collisions += met;
             let (top, bottom) = (rows.0 + first / wide, rows.0 + (first + pixels).div_ceil(wide));
             sums[top * width..bottom * width].par_chunks_mut(width).enumerate().for_each(|(row, sums)| {
