@@ -1,9 +1,5 @@
 // Flights leave weight times length in voxels.
 
-// The direction of flight, and scatterings so far.
-var<private> score_direction: vec3<f32>;
-var<private> score_order: u32;
-
 // Adds weight times length around the point p of a voxel; xi within [0, 1) rounds.
 fn score(voxel: u32, p: vec3<f32>, value: Spectrum, xi: f32) {
     deposit(voxel, p, score_direction, score_order, value * job.unit, xi);

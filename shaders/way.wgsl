@@ -21,6 +21,10 @@ struct Way {
     face: u32,
 }
 
+// The direction of flight and scatterings so far, for what scores.
+var<private> score_direction: vec3<f32>;
+var<private> score_order: u32;
+
 // Sets out along v from p.
 fn set_out(p: vec3<f32>, v: vec3<f32>) -> Way {
     return Way(p, v, -1.0, vec4(0u), 0u);

@@ -59,9 +59,14 @@ fn shift64(a: vec2<u32>, s: u32) -> vec2<u32> {
 
 // The largest integer not above x, |x| < 2^63.
 fn wide_floor(x: f32) -> vec2<u32> {
-    let whole = floor(x);
-    let high = floor(whole * (1.0 / 4294967296.0));
-    return vec2(u32(whole - high * 4294967296.0), bitcast<u32>(i32(high)));
+    // By its size, for of a small negative number a float cannot hold 2^32 less.
+    let size = abs(floor(x));
+    let high = floor(size * (1.0 / 4294967296.0));
+    let whole = vec2(u32(size - high * 4294967296.0), u32(high));
+    if x < 0.0 {
+        return negate64(whole);
+    }
+    return whole;
 }
 
 // x * 2^32 without its fraction, |x| < 2^31.

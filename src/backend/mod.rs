@@ -8,6 +8,9 @@ pub mod shot;
 
 use crate::error::{Result, scene_error};
 use crate::plan::{Adapter, Settings};
+use crate::scene::Camera;
+use cpu::angular::Towards;
+use cpu::gather::{Image, Volumes};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -64,6 +67,34 @@ impl Device {
             Device::Cpu => {}
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.lose(),
+        }
+    }
+}
+
+impl Device {
+    /// An image from what a run left in the voxels ([`cpu::gather::image`]).
+    pub fn image(
+        &self,
+        volumes: &Volumes,
+        camera: &Camera,
+        pixels: Option<&[usize]>,
+        stride: usize,
+        whole: bool,
+        stop: &(impl Fn() -> bool + Sync),
+    ) -> Result<Image> {
+        match self {
+            Device::Cpu => Ok(cpu::gather::image(volumes, camera, pixels, stride, whole, stop)),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu::gather::image(gpu, volumes, camera, pixels, stride, whole, stop),
+        }
+    }
+
+    /// J of every voxel from its harmonics ([`Towards::contract`]).
+    pub fn contract(&self, towards: &Towards, harmonics: &[f32], inner: usize) -> Result<Vec<f32>> {
+        match self {
+            Device::Cpu => Ok(towards.contract(harmonics, inner)),
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu::angular::contract(gpu, towards, harmonics, inner),
         }
     }
 }

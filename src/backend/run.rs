@@ -100,7 +100,7 @@ fn run_here(
             })
         };
         let ended = shooting()
-            .and_then(|mut shooter| batches(plan, &mut *shooter, power, &views, occupancy, control, &mut shot));
+            .and_then(|mut shooter| batches(plan, device, &mut *shooter, power, &views, occupancy, control, &mut shot));
         match ended {
             Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
                 shot.stopped = Stopped::DeviceLost;
@@ -155,6 +155,7 @@ pub fn illuminations<'a>(
 /// Walks batch after batch until the plan, the target, the clock or the user says stop.
 fn batches(
     plan: &Plan,
+    device: &Device,
     shooter: &mut dyn Shooter,
     power: f64,
     views: &[Option<Illumination>],
@@ -190,7 +191,7 @@ fn batches(
             }
         }
         let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
-        let (noise, bias) = settle::relative_error(plan, views, shot, occupancy, control);
+        let (noise, bias) = settle::relative_error(plan, device, views, shot, occupancy, control)?;
         if noise.hypot(bias) <= target {
             shot.stopped = Stopped::TargetError;
             return Ok(());

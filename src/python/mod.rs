@@ -5,7 +5,7 @@ mod watch;
 
 use crate::backend::Device;
 use crate::backend::cpu::angular::Towards;
-use crate::backend::cpu::gather::{Volumes, beams, image};
+use crate::backend::cpu::gather::{Volumes, beams};
 use crate::backend::cpu::{self, pixel_error};
 use crate::backend::run;
 use crate::physics::Phase;
@@ -182,6 +182,7 @@ fn gather<'py>(
     {
         convert::same_eye(py, &camera, &stored.eye)?;
     }
+    let (device, _) = device(py, volumes)?;
     let k = if replicates { stored.replicates() } else { 0 };
     let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
     cost::check_image(pixels, (channels * (6 + k)) as u64).map_err(|e| to_py(py, e))?;
@@ -209,12 +210,12 @@ fn gather<'py>(
         cpu::with_threads(threads, || {
             let stop = || control.stopped();
             let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
-            let seen = |values: Option<&'_ [f32]>, inner: usize| match &toward {
-                Some(toward) => values.map(|v| toward.contract(v, inner)),
-                None => None,
+            let seen = |values: Option<&'_ [f32]>, inner: usize| match (&toward, values) {
+                (Some(toward), Some(values)) => device.contract(toward, values, inner).map(Some),
+                _ => Ok(None),
             };
             let (own, own0, own_sub) =
-                (seen(source, channels), seen(source0, channels), seen(subvolumes, channels * k));
+                (seen(source, channels)?, seen(source0, channels)?, seen(subvolumes, channels * k)?);
             let source = own.as_deref().or(source);
             let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
             if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
@@ -224,15 +225,22 @@ fn gather<'py>(
                 }
             }
             let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
-            let picture = image(&volumes, &camera, None, channels, true, &stop);
-            let error = own_sub.as_deref().or(subvolumes).map(|s| {
-                let each =
-                    Volumes { scene: &parsed, occupancy, lights: Vec::new(), source: Some(s), source0: None, channels };
-                pixel_error::spread(&image(&each, &camera, None, channels * k, false, &stop).order2, k).1
-            });
-            let bias = source.filter(|_| replicates).map(|s| pixel_error::bias(&volumes, s, &camera, None, &stop));
-            (picture, error, bias)
-        })
+            let picture = device.image(&volumes, &camera, None, channels, true, &stop)?;
+            let error = match own_sub.as_deref().or(subvolumes) {
+                Some(source) => {
+                    let (lights, source) = (Vec::new(), Some(source));
+                    let each = Volumes { scene: &parsed, occupancy, lights, source, source0: None, channels };
+                    let picture = device.image(&each, &camera, None, channels * k, false, &stop)?;
+                    Some(pixel_error::spread(&picture.order2, k).1)
+                }
+                None => None,
+            };
+            let bias = match source.filter(|_| replicates) {
+                Some(source) => Some(pixel_error::bias(&device, &volumes, source, &camera, None, &stop)?),
+                None => None,
+            };
+            Ok((picture, error, bias))
+        })?
     })?;
     let shape = [camera.resolution[1], camera.resolution[0]];
     let out = PyDict::new(py);

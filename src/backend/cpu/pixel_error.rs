@@ -1,6 +1,8 @@
 //! How sure the pixels are: the spread over replicates, and the bias of the voxels' size.
 
-use super::gather::{Volumes, image};
+use super::gather::Volumes;
+use crate::backend::Device;
+use crate::error::Result;
 use crate::scene::Camera;
 use rayon::prelude::*;
 
@@ -21,12 +23,13 @@ pub fn spread(values: &[f32], k: usize) -> (Vec<f32>, Vec<f32>) {
 /// linear interpolation h^2/12 more on average: together what one pass of (1/8, 6/8, 1/8) along each axis adds. So the
 /// image of the smoothed volume less that of the volume is the bias, to second order.
 pub fn bias(
+    device: &Device,
     volumes: &Volumes,
     source: &[f32],
     camera: &Camera,
     pixels: Option<&[usize]>,
     stop: &(impl Fn() -> bool + Sync),
-) -> Vec<f32> {
+) -> Result<Vec<f32>> {
     let n = volumes.scene.medium.volume.n();
     let mut difference = smooth(source, n, volumes.channels, stop);
     difference.par_iter_mut().zip(source).for_each(|(s, j)| *s -= j);
@@ -38,7 +41,7 @@ pub fn bias(
         source0: None,
         channels: volumes.channels,
     };
-    image(&change, camera, pixels, volumes.channels, false, stop).order2
+    Ok(device.image(&change, camera, pixels, volumes.channels, false, stop)?.order2)
 }
 
 /// One pass of (1/8, 6/8, 1/8) along each axis, clamped at the border.

@@ -2,12 +2,12 @@
 
 use super::angular::Towards;
 use super::emit::{hit_fraction, mean_density};
-use super::gather::{Volumes, image};
+use super::gather::Volumes;
 use super::light::{Illumination, Quadrature, beam, unscattered, voxel_fluence};
 use super::pixel_error;
 use super::shoot::LocalEye;
-use crate::backend::Control;
 use crate::backend::shot::{Shot, pad};
+use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{Direct, Emission, Plan};
 use crate::result::{Energy, Outcome, Share};
@@ -374,14 +374,15 @@ fn close(plan: &Plan, mut energy: Energy, direct: &Direct0) -> Energy {
 /// The relative noise and bias that `target_error` bounds together, as they stand.
 pub fn relative_error(
     plan: &Plan,
+    device: &Device,
     views: &[Option<Illumination>],
     shot: &mut Shot,
     occupancy: Option<&Occupancy>,
     control: &Control,
-) -> (f64, f64) {
+) -> Result<(f64, f64)> {
     let channels = plan.channels;
     if plan.layers.is_empty() || shot.batches < 2 {
-        return (0.0, 0.0);
+        return Ok((0.0, 0.0));
     }
     let over_pixels = plan.subvolumes > 0 && !(plan.settings.over_voxels && plan.settings.fluence);
     if !over_pixels {
@@ -393,7 +394,7 @@ pub fn relative_error(
         };
         let values: Vec<f32> = moments.mean.par_iter().zip(&direct).map(|(m, d)| *m as f32 + d).collect();
         let errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
-        return pixel_error::relative(&values, &errors, None, channels);
+        return Ok(pixel_error::relative(&values, &errors, None, channels));
     }
     let camera = &plan.scene.camera;
     let pixels = pixel_sample(camera.resolution);
@@ -401,17 +402,17 @@ pub fn relative_error(
     let k = plan.subvolumes;
     let mut means = interleaved(&shot.subvolumes, &shot.subvolume_batches);
     if let Some(order) = plan.harmonics.filter(|_| plan.width() > 1) {
-        means = Towards::new(plan.scene, camera, order).contract(&means, channels * k);
+        means = device.contract(&Towards::new(plan.scene, camera, order), &means, channels * k)?;
     }
     let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
-    let picture = image(&volumes, camera, Some(&pixels), channels * k, true, &stop);
+    let picture = device.image(&volumes, camera, Some(&pixels), channels * k, true, &stop)?;
     let (more, errors) = pixel_error::spread(&picture.order2, k);
     let own = picture.order1.iter().zip(&picture.emitted);
     let values: Vec<f32> = more.iter().zip(own).map(|(more, (once, emitted))| more + once + emitted).collect();
     let (whole, _) = pixel_error::spread(&means, k);
-    let bias = pixel_error::bias(&volumes, &whole, camera, Some(&pixels), &stop);
-    pixel_error::relative(&values, &errors, Some(&bias), channels)
+    let bias = pixel_error::bias(device, &volumes, &whole, camera, Some(&pixels), &stop)?;
+    Ok(pixel_error::relative(&values, &errors, Some(&bias), channels))
 }
 
 /// At most 1024 pixels, evenly over the image.

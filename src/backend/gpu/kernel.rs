@@ -2,7 +2,7 @@
 
 use super::sources;
 use crate::error::{Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// What a kernel is made of: it is compiled once for each.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -11,6 +11,8 @@ pub struct Source {
     files: Vec<&'static str>,
     /// Values of `override` constants, as the bits of doubles.
     constants: BTreeMap<&'static str, u64>,
+    /// The text, where it is not that of the files.
+    text: Option<String>,
 }
 
 impl Source {
@@ -22,7 +24,12 @@ impl Source {
                 list.push(file);
             }
         }
-        Source { files: list, constants: BTreeMap::new() }
+        Source { files: list, constants: BTreeMap::new(), text: None }
+    }
+
+    /// Names of its files.
+    pub fn files(&self) -> &[&'static str] {
+        &self.files
     }
 
     /// Leaves a file out.
@@ -37,13 +44,28 @@ impl Source {
         self
     }
 
+    /// The kernel of a text of its own, of the same constants.
+    pub fn rewritten(self, name: &'static str, text: String) -> Self {
+        Source { files: vec![name], text: Some(text), ..self }
+    }
+
     /// The WGSL of the first file and of those that it calls on, and so on: what a kernel does not use is left out.
     pub fn text(&self) -> Result<String> {
-        let mut rest = self.files.iter().map(|file| sources::read(file)).collect::<Result<Vec<_>>>()?;
-        let mut text = if rest.is_empty() { String::new() } else { rest.remove(0) };
-        while let Some(at) = rest.iter().position(|file| declared(file).any(|name| mentions(&text, name))) {
+        match (&self.text, self.files.first()) {
+            (Some(text), _) => Ok(text.clone()),
+            (None, first) => self.around(first.map_or(Ok(String::new()), |file| sources::read(file))?),
+        }
+    }
+
+    /// A text with those of the other files that it calls on, and so on.
+    pub fn around(&self, mut text: String) -> Result<String> {
+        let mut rest = self.files.iter().skip(1).map(|file| sources::read(file)).collect::<Result<Vec<_>>>()?;
+        let mut mentioned: HashSet<String> = words(&text).map(str::to_string).collect();
+        while let Some(at) = rest.iter().position(|file| declared(file).any(|name| mentioned.contains(name))) {
+            let file = rest.remove(at);
+            mentioned.extend(words(&file).map(str::to_string));
             text.push('\n');
-            text += &rest.remove(at);
+            text += &file;
         }
         Ok(text)
     }
@@ -67,10 +89,10 @@ fn is_part(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Whether a text holds a name outside of its comments.
-fn mentions(text: &str, name: &str) -> bool {
-    let code = |line: &'_ str| line.split("//").next().unwrap_or_default().to_string();
-    text.lines().any(|line| code(line).split(|c| !is_part(c)).any(|word| word == name))
+/// The words of a text outside of its comments.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    let code = text.lines().map(|line| line.split_once("//").map_or(line, |(code, _)| code));
+    code.flat_map(|code| code.split(|c| !is_part(c)))
 }
 
 /// Something that a kernel reads or writes.

@@ -14,10 +14,12 @@ pub mod kernel;
 pub mod lights;
 pub mod map;
 pub mod path;
+pub mod probe;
 pub mod scene;
 pub mod shoot;
-mod sources;
+pub mod sources;
 pub mod tally;
 pub mod tracker;
 
 pub use device::Gpu;
+pub use sources::kernels;

@@ -2,6 +2,7 @@
 
 use super::device::Gpu;
 use super::kernel::{Binding, Source};
+use super::sources;
 use crate::error::Result;
 use crate::physics::Phase;
 use crate::physics::rng::split;
@@ -99,7 +100,7 @@ impl GpuScene {
     /// Uploads a scene.
     pub fn new(gpu: &Gpu, scene: &Scene, channels: usize) -> Result<Self> {
         let Medium { volume, albedo, .. } = &scene.medium;
-        let mut files = vec!["tables", "real", "wide", "rng", "line", "lookup", "flight"];
+        let mut files = sources::COMMON.to_vec();
         files.push(if channels == 1 { "channels_1" } else { "channels_3" });
         files.push(if volume.is_ball() { "edge_ball" } else { "edge_box" });
         files.push(if volume.linear() { "lookup_linear" } else { "lookup_nearest" });
@@ -107,7 +108,6 @@ impl GpuScene {
         files.push(if matches!(albedo, Albedo::Constant(_)) { "albedo_constant" } else { "albedo_voxels" });
         let mut settings = Vec::new();
         let mut phase_table = None;
-        files.extend(["frame", "phase"]);
         match &scene.medium.phase {
             phase if phase.is_isotropic() => files.push("phase_isotropic"),
             Phase::Isotropic => {}

@@ -94,6 +94,9 @@ pub struct Shooting<'a> {
     slots: u32,
     /// Rounds of a dispatch.
     rounds: u32,
+    /// What every bin begins with, to test what happens at its ends.
+    #[cfg(test)]
+    preset: Option<u64>,
 }
 
 impl<'a> Shooting<'a> {
@@ -122,7 +125,7 @@ impl<'a> Shooting<'a> {
             let limit = ITERATIONS / round;
             ready.push((start, gpu.kernel(source)?, limit.max(1)));
         }
-        let slots = if gpu.software { SOFTWARE_SLOTS } else { SLOTS };
+        let slots = if gpu.software { SOFTWARE_SLOTS } else { SLOTS }.min(plan.batch_photons.max(1) as u32);
         let new = |bins: &u64| vec![Bins::new(*bins as usize, true)];
         Ok(Shooting {
             gpu,
@@ -139,6 +142,8 @@ impl<'a> Shooting<'a> {
             bins: widths.iter().map(new).collect(),
             slots,
             rounds: 8,
+            #[cfg(test)]
+            preset: None,
         })
     }
 
@@ -211,6 +216,8 @@ impl Shooter for Shooting<'_> {
     fn batch(&mut self, first: u64, photons: u64, control: &Control, urgent: bool) -> Result<Option<Energies>> {
         self.gpu.clear(&self.counters);
         self.tally.clear(self.gpu);
+        #[cfg(test)]
+        self.tally.fill(self.gpu, self.preset.unwrap_or(0));
         let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
         let counts = allot(&powers, photons);
         let reference = powers.iter().sum::<f64>() / photons as f64;
@@ -373,3 +380,6 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Flights, start: &Start, width
         .with("ANGULAR_LAST", first(plan.routes[2].1));
     flights.constants.iter().fold(start.set(source), |source, (name, value)| source.with(name, *value))
 }
+
+#[cfg(test)]
+mod tests;

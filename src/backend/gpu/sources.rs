@@ -1,11 +1,13 @@
-//! The WGSL files, compiled in.
+//! The WGSL files, compiled in, and which of them make a kernel.
 
+use super::kernel::Source;
 use crate::error::{Error, Result};
+use std::collections::HashSet;
 
 macro_rules! shaders {
     ($list:ident: $($name:literal)*) => {
         /// Names and texts.
-        const $list: &[(&str, &str)] = &[
+        pub const $list: &[(&str, &str)] = &[
             $(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl"))),)*
         ];
     };
@@ -91,6 +93,7 @@ shaders! {
     "phase_tabulated"
     "photons"
     "primary"
+    "probe"
     "reach_constant"
     "reach_linear"
     "reach_nearest"
@@ -137,6 +140,124 @@ shaders! {
 shaders! { TESTS: "tests/glow" "tests/map" }
 #[cfg(not(test))]
 shaders! { TESTS: }
+
+/// Files of every kernel.
+pub const COMMON: &[&str] = &["tables", "real", "wide", "rng", "line", "lookup", "flight", "frame", "phase"];
+
+/// Files of which the kind of scene chooses one from each row.
+pub const KINDS: &[&str] = &[
+    "channels_1 | channels_3",
+    "edge_ball | edge_box",
+    "lookup_linear | lookup_nearest",
+    "density_constant | density_voxels",
+    "albedo_constant | albedo_voxels",
+    "phase_isotropic | phase_rayleigh | phase_hg | phase_tabulated",
+];
+
+/// What is chosen by the emitter of photons.
+const STARTS: &str = "start_point | start_pencil | start_directional | start_environment | start_first table light | \
+                      start_medium table emission_1 | start_medium table emission_3 | start_map table map";
+/// What is chosen by what they are to leave in the voxels.
+const ANGULAR: &str = "angular_eye | angular_harmonics | angular_nothing";
+/// Whether tallies fit into one buffer.
+const TALLIES: &str = "tally_whole | tally_parts";
+/// Whether tests watch photons.
+const ENDS: &str = "end_fate | end_nothing";
+
+/// What paths are chosen by, however they fly.
+const REACHES: &str = "reach_constant | reach_nearest | reach_linear";
+const NEARS: &str = "near_none | near_lights";
+const SKIES: &str = "maps_none | maps_some map";
+
+/// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
+pub const KERNELS: &[&[&str]] = &[
+    &[
+        "shoot flights flight_state roulette photons counters tally deposit harmonics start",
+        "flights_cells | flights_one",
+        "turn_isotropic | turn_phase",
+        "accept_all | accept_some",
+        STARTS,
+        ANGULAR,
+        ENDS,
+        TALLIES,
+    ],
+    &[
+        "shoot_one way flight_state roulette photons counters tally deposit harmonics start",
+        "weights_chromatic store_chromatic | weights_grey store_grey",
+        "score_deposit | score_nothing",
+        "tracker_woodcock | tracker_analytic | tracker_march march_constant march_nearest | \
+         tracker_march march_voxels march_nearest | tracker_march march_voxels march_linear",
+        STARTS,
+        ANGULAR,
+        ENDS,
+        TALLIES,
+    ],
+    &[
+        "path path_flights flights paths primary camera connect light flight_state roulette first_grey weights_grey \
+         emits_nothing",
+        "flights_cells | flights_one",
+        "turn_isotropic | turn_phase",
+        "accept_all | accept_some",
+        REACHES,
+        NEARS,
+        SKIES,
+    ],
+    &[
+        "path path_tracker paths primary camera connect light flight_state roulette way score_nothing",
+        "weights_chromatic first_chromatic emits_nothing | weights_grey first_grey emits_nothing | \
+         weights_chromatic first_chromatic emits emitted_chromatic emission_1 | \
+         weights_chromatic first_chromatic emits emitted_chromatic emission_3 | \
+         weights_grey first_grey emits emitted_grey emission_1 | weights_grey first_grey emits emitted_grey emission_3",
+        "tracker_woodcock | tracker_analytic | tracker_march march_constant march_nearest | \
+         tracker_march march_voxels march_nearest | tracker_march march_voxels march_linear",
+        REACHES,
+        NEARS,
+        SKIES,
+    ],
+];
+
+/// Files that no scene asks for together.
+const NEVER: [(&str, &str); 10] = [
+    ("weights_chromatic", "channels_1"),
+    ("emission_3", "channels_1"),
+    ("march_constant", "density_voxels"),
+    ("march_voxels", "density_constant"),
+    ("march_linear", "lookup_nearest"),
+    ("reach_constant", "density_voxels"),
+    ("reach_nearest", "density_constant"),
+    ("reach_nearest", "lookup_linear"),
+    ("reach_linear", "density_constant"),
+    ("reach_linear", "lookup_nearest"),
+];
+
+/// All kernels, each for so many kinds of scene that any two choices that may meet do meet: what is missing or clashes, does
+/// so between two.
+pub fn kernels() -> Vec<Source> {
+    let mut kernels = Vec::new();
+    for rows in KERNELS {
+        let rows: Vec<Vec<&str>> =
+            rows.iter().chain(KINDS).map(|row| row.split('|').map(str::trim).collect()).collect();
+        let mut met = HashSet::new();
+        for number in 0..rows.iter().map(Vec::len).product() {
+            let mut rest: usize = number;
+            let mut chosen = Vec::with_capacity(rows.len());
+            for row in &rows {
+                chosen.push(row[rest % row.len()]);
+                rest /= row.len();
+            }
+            let news = chosen.iter().enumerate().flat_map(|(k, &a)| chosen[..k].iter().map(move |&b| (a, b)));
+            if news.clone().all(|pair| met.contains(&pair)) {
+                continue;
+            }
+            let files: Vec<&'static str> = chosen.iter().flat_map(|choice| choice.split_whitespace()).collect();
+            if NEVER.iter().all(|(a, b)| !files.contains(a) || !files.contains(b)) {
+                met.extend(news);
+                kernels.push(Source::new(files.into_iter().chain(COMMON.iter().copied())));
+            }
+        }
+    }
+    kernels
+}
 
 /// The text of a file.
 pub fn read(name: &str) -> Result<String> {

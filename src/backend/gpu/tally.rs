@@ -81,11 +81,11 @@ impl Tally {
         Ok([whole(low)?, whole(high)?])
     }
 
-    /// Sets a bin, for tests of what happens at its ends.
+    /// Sets all bins, to test what happens at their ends.
     #[cfg(test)]
-    pub fn set(&self, gpu: &Gpu, bin: usize, units: u64) {
-        let (part, at) = (bin / self.part, (bin % self.part * 4) as u64);
-        gpu.write(&self.words[0][part], at, &[units as u32]);
-        gpu.write(&self.words[1][part], at, &[(units >> 32) as u32]);
+    pub fn fill(&self, gpu: &Gpu, units: u64) {
+        for (buffers, word) in self.words.iter().zip([units as u32, (units >> 32) as u32]) {
+            buffers.iter().for_each(|buffer| gpu.write(buffer, 0, &vec![word; self.part.min(self.bins)]));
+        }
     }
 }

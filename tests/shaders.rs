@@ -1,0 +1,157 @@
+//! What a compiler of shaders would say of them, and what keeps them twins of the Rust code.
+#![cfg(feature = "gpu")]
+
+use mcrt::backend::gpu::kernel::{Source, parse};
+use mcrt::backend::gpu::probe::Inputs;
+use mcrt::backend::gpu::scene::Constants;
+use mcrt::backend::gpu::sources::{ALL, COMMON, KERNELS, KINDS, read};
+use mcrt::backend::gpu::{emit, kernels, lights, map, path, shoot};
+use std::collections::HashSet;
+use std::fs;
+use std::mem::offset_of;
+use std::path::Path;
+
+/// The names behind a keyword of a text, in its order.
+fn names(text: &str, keyword: &str) -> Vec<String> {
+    let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+    let after = code.filter_map(|line| line.split_once(&format!("{keyword} ")));
+    let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+    after.filter(|(before, _)| before.trim().is_empty() || before.ends_with(' ')).map(|(_, rest)| name(rest)).collect()
+}
+
+#[test]
+fn every_kernel_is_valid_for_every_kind_of_scene() {
+    let kernels = kernels();
+    for kernel in &kernels {
+        let (module, _) = parse(kernel).expect("it is valid");
+        assert_eq!(module.entry_points.len(), 1, "{:?}", kernel.files());
+    }
+    assert!(kernels.len() > KERNELS.len() * 8, "{} kernels", kernels.len());
+}
+
+#[test]
+fn every_file_is_compiled_in_and_used() {
+    let folder = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders")).expect("it is there");
+    let mut files: Vec<String> = folder
+        .map(|entry| entry.expect("it can be read").file_name().into_string().expect("a plain name"))
+        .filter_map(|name| Some(name.strip_suffix(".wgsl")?.to_string()))
+        .collect();
+    files.sort();
+    let listed: Vec<&str> = ALL.iter().map(|(name, _)| *name).collect();
+    assert_eq!(files, listed, "the list in sources.rs");
+    // Probes and unit tests run what no kernel does.
+    let mut used = HashSet::from(["probe", "glow", "glow_linear", "glow_nearest"]);
+    used.extend(kernels().iter().flat_map(|kernel| kernel.files().to_vec()));
+    for name in listed {
+        assert!(used.contains(name), "no kernel holds {name}");
+        let is_kernel = read(name).expect("it is there").contains("@compute");
+        let begins = KERNELS.iter().any(|rows| rows[0].split(' ').next() == Some(name));
+        assert!(is_kernel == begins || name == "probe", "{name} among the kernels");
+    }
+}
+
+/// Shader files with the Rust files of their twins.
+const TWINS: [(&str, &str); 11] = [
+    ("real", "physics/real.rs"),
+    ("rng", "physics/rng.rs"),
+    ("frame", "physics/frame.rs"),
+    ("phase", "physics/phase.rs"),
+    ("phase_isotropic", "physics/phase.rs"),
+    ("phase_rayleigh", "physics/phase.rs"),
+    ("phase_hg", "physics/phase.rs"),
+    ("phase_tabulated", "physics/phase.rs"),
+    ("harmonics", "physics/harmonics.rs"),
+    ("flight", "physics/flight.rs"),
+    ("line", "scene/field/line.rs"),
+];
+
+/// Functions with another name in Rust, for which WGSL has its own or no methods; those without one are parts of a
+/// function that is written otherwise there.
+const RENAMED: [(&str, &str); 21] = [
+    ("ln_1p", ""),
+    ("ln_parts", ""),
+    ("angle", ""),
+    ("tangent", ""),
+    ("exp_parts", ""),
+    ("expo", "exp"),
+    ("expo_m1", ""),
+    ("floor_i", ""),
+    ("philox_round", "philox4x32"),
+    ("unit", "uniform"),
+    ("phase_pdf", "pdf"),
+    ("phase_sample", "sample"),
+    ("newton_step", ""),
+    ("first_harmonic", ""),
+    ("next_harmonic", ""),
+    ("harmonic_pair", ""),
+    ("harmonic_index", ""),
+    ("floors", ""),
+    ("dda", "new"),
+    ("dda_axis", "exit"),
+    ("dda_advance", "advance"),
+];
+
+#[test]
+fn functions_stand_in_the_order_of_their_twins() {
+    for (shader, rust) in TWINS {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src").join(rust);
+        let rust_names = names(&fs::read_to_string(path).expect("it is there"), "fn");
+        let mut last = 0;
+        for name in names(&read(shader).expect("it is there"), "fn") {
+            let twin = RENAMED.iter().find(|(own, _)| *own == name).map_or(name.as_str(), |(_, twin)| twin);
+            if twin.is_empty() {
+                continue;
+            }
+            let at = rust_names.iter().position(|one| one == twin);
+            let at = at.unwrap_or_else(|| panic!("{shader}.wgsl: {rust} has no {twin}"));
+            assert!(at >= last, "{shader}.wgsl: {name} stands elsewhere in {rust}");
+            last = at;
+        }
+    }
+}
+
+/// A struct of a shader file: (file, its name, (member, offset in Rust) of all members, size in Rust).
+type Layout = (&'static str, &'static str, Vec<(&'static str, usize)>, usize);
+
+macro_rules! layout {
+    ($file:literal, $name:literal, $rust:ty, $($member:ident)*) => {
+        ($file, $name, vec![$((stringify!($member), offset_of!($rust, $member))),*], size_of::<$rust>())
+    };
+}
+
+fn layouts() -> Vec<Layout> {
+    vec![
+        layout!("tables", "Scene", Constants,
+            n block h free_path inverse_h top_extinction extinction texel albedo constant ratio albedo_texel cells last eye
+            seed enough spare),
+        layout!("light", "Light", lights::Light, place is_point value rays first has_nodes check spare),
+        layout!("start", "Emitter", emit::Constants,
+            step first colour count place distance axis cap faces scale below_x below_y rows width height flag),
+        layout!("photons", "Job", shoot::Job, slots rounds unit spare),
+        layout!("photons", "Photon", shoot::Photon,
+            p order d state weight number absorbed block word at depth xi free_path hero spare),
+        layout!("paths", "Job", path::Job,
+            resolution first columns count number pixel rays slots steps background images slot end),
+        layout!("paths", "Image", path::Image, pixel place),
+        layout!("map", "Map", map::Entry, width height channels values sums spare),
+        layout!("probe", "Inputs", Inputs, a b w),
+    ]
+}
+
+#[test]
+fn structs_lie_in_memory_as_in_rust() {
+    // What a probe calls is its own.
+    let call = "\nfn call(a: vec4<f32>, b: vec4<f32>, w: vec4<u32>) -> vec4<f32> {\n    return a;\n}\n";
+    for (file, name, rust, size) in layouts() {
+        let kinds = KINDS.iter().filter_map(|row| row.split(' ').next());
+        let others = ["flight_state"].into_iter().chain(kinds).chain(COMMON.iter().copied());
+        let source = Source::new([file].into_iter().chain(others));
+        let text = source.around(read(file).expect("it is there") + call).expect("its files are there");
+        let (module, _) = parse(&source.rewritten(file, text)).expect("it is valid");
+        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).expect("it is there");
+        let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is no struct") };
+        let shader: Vec<(&str, usize)> =
+            members.iter().map(|m| (m.name.as_deref().unwrap_or_default(), m.offset as usize)).collect();
+        assert_eq!((shader, *span as usize), (rust, size), "{name} of {file}.wgsl");
+    }
+}
