@@ -36,7 +36,7 @@ pub struct Unfinished {
 /// What a run left.
 #[derive(Debug, Clone)]
 enum Rest {
-    Photons(Shot),
+    Photons(Box<Shot>),
     Paths(path::Taken),
 }
 
@@ -86,7 +86,7 @@ fn run_here(
     }
     let light_seconds = control.seconds();
     let mut shot = match before.map(|before| before.rest) {
-        Some(Rest::Photons(shot)) => shot,
+        Some(Rest::Photons(shot)) => *shot,
         _ => Shot::new(plan),
     };
     let mut unfinished = None;
@@ -104,7 +104,7 @@ fn run_here(
         match ended {
             Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
                 shot.stopped = Stopped::DeviceLost;
-                unfinished = Some(Unfinished { why, rest: Rest::Photons(shot.clone()) });
+                unfinished = Some(Unfinished { why, rest: Rest::Photons(Box::new(shot.clone())) });
             }
             ended => ended?,
         }

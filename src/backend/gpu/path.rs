@@ -13,6 +13,7 @@ use crate::backend::cpu::path::connect::Connections;
 use crate::backend::cpu::path::walk::PATH;
 use crate::backend::cpu::path::{Passes, Rays, Sums};
 use crate::error::{Error, Result};
+use crate::physics::Phase;
 use crate::physics::rng::split;
 use crate::plan::Plan;
 use crate::scene::environment::Map;
@@ -319,7 +320,9 @@ fn files(plan: &Plan, connections: &Connections, glow: Option<&Glow>) -> Vec<&'s
 
 /// Loop iterations that the parts of a step take at most.
 struct Iterations {
-    starts: u32,
+    /// Paths of a step, and events of each, that are of use.
+    rounds: u32,
+    events: u32,
     view: u32,
     start: u32,
     event: u32,
@@ -340,13 +343,19 @@ impl Iterations {
         let across = volume.n().iter().sum::<usize>() as u32 + 16;
         let line = if volume.is_constant() { 16 } else { across };
         let map = |map: &&Map| line + map.size().iter().map(|m| 2 * m.ilog2()).sum::<u32>() + 2;
-        let maps: u32 = connections.maps.iter().map(map).sum();
+        // Each look into a table of the phase function.
+        let look = if matches!(rays.plan.scene.medium.phase, Phase::Tabulated(_)) { 32 } else { 0 };
+        let maps: u32 = connections.maps.iter().map(map).sum::<u32>() + look * connections.maps.len() as u32;
         let (far, near) = (connections.far.len() as u32, connections.near.len() as u32);
+        // What is in closed form is worth no waiting.
+        let (rounds, events) = if volume.is_constant() { (1, 2) } else { (rays.paths.starts as u32, EVENTS) };
+        let lit = far * (2 * line + look) + near * (2 * line + 3 * look) + far + near;
         Iterations {
-            starts: rays.paths.starts as u32,
+            rounds,
+            events,
             view: line + rays.images.len() as u32,
-            start: line + 24 + near * (3 * line + 2),
-            event: 1 + flight + (far + near) * (2 * line + 1) + maps + planes * across + line,
+            start: line + 24 + near * (3 * line + 2 * look + 2),
+            event: 1 + flight + lit + maps + 2 * look + planes * across + line,
         }
     }
 
@@ -354,9 +363,9 @@ impl Iterations {
     fn effort(&self, gpu: &Gpu) -> Result<Effort> {
         let step = |rounds, events| self.view + rounds * (1 + self.start + events * self.event);
         if !gpu.software {
-            return Ok(Effort { steps: 256, rounds: self.starts, events: EVENTS });
+            return Ok(Effort { steps: 256, rounds: self.rounds, events: self.events });
         }
-        let tries = (1..=EVENTS).rev().map(|events| (self.starts, events)).chain([(1, 1)]);
+        let tries = (1..=self.events).rev().map(|events| (self.rounds, events)).chain([(1, 1)]);
         for (rounds, events) in tries {
             if step(rounds, events) <= ITERATIONS {
                 return Ok(Effort { steps: ITERATIONS / step(rounds, events), rounds, events });
@@ -384,7 +393,6 @@ mod tests {
     use super::*;
     use crate::backend::Control;
     use crate::backend::run::{illuminations, light_grids};
-    use crate::physics::Phase;
     use crate::plan::{Method, Settings};
     use crate::scene::field::Field;
     use crate::scene::{Albedo, Camera, Light, Medium, Scene, Spectrum, Volume};
