@@ -5,10 +5,9 @@
 // Copies of all counters, and words of each.
 const COPIES = 64u;
 const WORDS = 72u;
-// The words of a copy: two for each share and channel, then these. An overflow of any tally is told in the first copy.
+// The words of a copy: two for each share and channel, then these.
 const COLLISIONS = 66u;
 const FINISHED = 68u;
-const OVERFLOW = 69u;
 
 // Shares of the energy; those that leave through the faces -x +x -y +y -z +z follow in turn.
 const MISSED = 0u;

@@ -1,7 +1,7 @@
-// The gather: what the volume sends to the eye along a view ray, front to back. Its source term is sigma_s * (order 1 +
-// J): order 1 from the lights directly, J interpolated between voxel centres. Cells within which the density is one
-// polynomial are cut into steps of at most half an optical depth with two Gauss points each. One ray for each invocation;
-// a dispatch makes some steps of it, of one light each.
+// The gather: what the volume sends to the eye along a view ray, front to back. Its source term is sigma_s * (order 1
+// + J): order 1 from the lights directly, J interpolated between voxel centres. Cells within which the density is one
+// polynomial are cut into steps of at most half an optical depth with two Gauss points each. One ray for each
+// invocation; a dispatch makes some steps of it, of one light each.
 
 // Largest optical depth of a step.
 const STEP_DEPTH = 0.5;

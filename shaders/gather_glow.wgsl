@@ -1,5 +1,5 @@
-// What the medium emits towards the eye along a view ray. One ray for each invocation; a dispatch follows it through some
-// cells.
+// What the medium emits towards the eye along a view ray. One ray for each invocation; a dispatch follows it through
+// some cells.
 
 @group(0) @binding(21) var<storage, read_write> busy: atomic<u32>;
 
@@ -13,8 +13,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var glow = glow_start(seen.p, seen.v);
     if job.begin == 0u {
         glow = glows[at];
-    } else if seen.length <= 0.0 {
-        glow.over = 1u;
     }
     glow_from(seen.p, seen.v, seen.length, &glow, job.steps);
     glows[at] = glow;

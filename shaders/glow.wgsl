@@ -1,5 +1,5 @@
-// Emitted light along a view ray: the integral of source term times transmittance, exact in every cell, however thick or
-// empty it is. One of the files glow_*.wgsl adds a cell's.
+// Emitted light along a view ray: the integral of source term times transmittance, exact in every cell, however thick
+// or empty it is. One of the files glow_*.wgsl adds a cell's.
 
 // What lies behind this optical depth is not seen, however bright it is.
 const UNSEEN = 50.0;

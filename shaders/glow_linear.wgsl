@@ -1,6 +1,6 @@
-// Emitted light between voxel centres: density and source term are cubic along the ray, the optical depth quartic. Of pieces
-// of at most half an optical depth four Gauss points integrate the source term and its product with the optical depth
-// exactly, what is of higher order to about 1e-6.
+// Emitted light between voxel centres: density and source term are cubic along the ray, the optical depth quartic. Of
+// pieces of at most half an optical depth four Gauss points integrate the source term and its product with the optical
+// depth exactly, what is of higher order to about 1e-6.
 
 // Largest optical depth of a piece.
 const GLOW_PIECE = 0.5;
@@ -19,7 +19,8 @@ fn glow_cell(p: vec3<f32>, v: vec3<f32>, cell: vec3<i32>, to: f32, glow: ptr<fun
     let way = length * v;
     let sigma = length * density_cubic(cell, enter, way);
     let shine = emission_cubic(cell, enter, way);
-    if any(shine[0] != Spectrum()) || any(shine[1] != Spectrum()) || any(shine[2] != Spectrum()) || any(shine[3] != Spectrum()) {
+    let dark = Spectrum();
+    if any(shine[0] != dark) || any(shine[1] != dark) || any(shine[2] != dark) || any(shine[3] != dark) {
         (*glow).sum += length * glow_pieces(shine, sigma, (*glow).column);
     }
     (*glow).column += column_up_to(sigma, 1.0);
@@ -44,9 +45,11 @@ fn glow_pieces(shine: array<Spectrum, 4>, sigma: vec4<f32>, before: f32) -> Spec
             continue;
         }
         let way = end - at;
-        var piece = 0.17392742 * (glow_at(shine, sigma, at + 0.06943184 * way, column) + glow_at(shine, sigma, at + 0.93056816 * way, column));
-        piece += 0.32607258 * (glow_at(shine, sigma, at + 0.33000947 * way, column) + glow_at(shine, sigma, at + 0.6699905 * way, column));
-        sum += way * through * piece;
+        let outer = glow_at(shine, sigma, at + 0.06943184 * way, column)
+            + glow_at(shine, sigma, at + 0.93056816 * way, column);
+        let inner = glow_at(shine, sigma, at + 0.33000948 * way, column)
+            + glow_at(shine, sigma, at + 0.66999052 * way, column);
+        sum += way * through * (0.17392742 * outer + 0.32607258 * inner);
         through = expos(-extinction * (before + beyond));
         at = end;
         column = beyond;

@@ -1,6 +1,6 @@
-// Equirectangular maps of the radiance that comes from the sky. A direction d points to the sky. With z up, rows go down
-// from +z: theta = pi y / height; columns go to the right of a viewer: x / width = 1/2 + atan2(d.x, d.y) / (2 pi). A map is
-// bilinear between texel centres, wrapped in azimuth and clamped at the poles.
+// Equirectangular maps of the radiance that comes from the sky. A direction d points to the sky. With z up, rows go
+// down from +z: theta = pi y / height; columns go to the right of a viewer: x / width = 1/2 + atan2(d.x, d.y) / (2 pi).
+// A map is bilinear between texel centres, wrapped in azimuth and clamped at the poles.
 
 struct Map {
     width: u32,
@@ -15,10 +15,11 @@ struct Map {
 }
 
 @group(0) @binding(32) var<storage, read> maps: array<Map>;
-// Of each map its texels; 1 - cos(theta) at the upper edge of each row and at the lower edge of the last; and 2^-62 over
-// the solid angle of each row's texels, 0 for a dark map.
+// Of each map its texels; 1 - cos(theta) at the upper edge of each row and at the lower edge of the last; and 2^-62
+// over the solid angle of each row's texels, 0 for a dark map.
 @group(0) @binding(33) var<storage, read> map_values: array<f32>;
-// Of each map the ends of its rows as parts of all importance, and the ends of its texels as parts of their row's, in 2^-31.
+// Of each map the ends of its rows as parts of all importance, and the ends of its texels as parts of their row's, in
+// 2^-31.
 @group(0) @binding(34) var<storage, read> map_sums: array<u32>;
 
 struct MapSample {
@@ -33,13 +34,14 @@ fn map_radiance(map: u32, d: vec3<f32>) -> vec3<f32> {
     return map_at(map, map_place(map, d));
 }
 
-// A direction and its density, from two uniform numbers: a texel by its mean radiance (of the brightest channel) times its
-// solid angle, and a direction uniform over it.
+// A direction and its density, from two uniform numbers: a texel by its mean radiance (of the brightest channel) times
+// its solid angle, and a direction uniform over it.
 fn map_sample(map: u32, u: f32, v: f32) -> MapSample {
     let m = maps[map];
     let row = map_pick(m.sums, m.height, u);
     let column = map_pick(m.sums + m.height + row.at * m.width, m.width, v);
-    return MapSample(map_direction(map, vec2(column.at, row.at), vec2(column.rest, row.rest)), map_density(map, row, column));
+    let d = map_direction(map, vec2(column.at, row.at), vec2(column.rest, row.rest));
+    return MapSample(d, map_density(map, row, column));
 }
 
 // The density per steradian with which map_sample draws the direction d.

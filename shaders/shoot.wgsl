@@ -90,14 +90,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
                     deposit(voxel, f.q, f.d, order, weight * (job.unit * f.free_path), rounding(f.word.w));
                     state = select(FLIGHT, HITS, accept(&f));
                 } else if went == LEFT {
-                    let v = f.d * scene.inverse_h;
-                    let axis = leave(f.p, v).axis;
-                    share = select(ESCAPED + 2u * u32(axis) + u32(v[axis] > 0.0), UNSCATTERED, order == 0u);
+                    share = ESCAPED;
                     state = NEXT;
                 }
             }
         }
         if state == NEXT && !waits {
+            if share == ESCAPED {
+                let v = f.d * scene.inverse_h;
+                let axis = leave(f.p, v).axis;
+                share = select(ESCAPED + 2u * u32(axis) + u32(v[axis] > 0.0), UNSCATTERED, order == 0u);
+            }
             if share != ABSORBED && share != LOST {
                 add_share(copy, share, weight);
             }

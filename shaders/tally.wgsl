@@ -1,16 +1,12 @@
 // Tallies: integers of 64 bits in two words, which all invocations add to in any order with the same sums. A file tally_*
-// gives the words: add_low(bin, units) and add_high(bin, units), which return what was there before.
+// gives the words: add_low(bin, units), which returns what was there before, and add_high(bin, units).
 
 // Adds a number of 64 bits (two's complement) to a bin.
 fn add_wide(bin: u32, units: vec2<u32>) {
     let before = add_low(bin, units.x);
     let carry = units.y + u32(before + units.x < before);
     if carry != 0u {
-        let high = add_high(bin, carry);
-        // Beyond 2^63 the sum would change its sign.
-        if ((high ^ carry) & 0x80000000u) == 0u && ((high ^ (high + carry)) & 0x80000000u) != 0u {
-            atomicOr(&counters[OVERFLOW], 1u);
-        }
+        add_high(bin, carry);
     }
 }
 

@@ -30,20 +30,20 @@ fn add_low(bin: u32, units: u32) -> u32 {
     }
 }
 
-fn add_high(bin: u32, units: u32) -> u32 {
+fn add_high(bin: u32, units: u32) {
     let at = bin % PART;
     switch bin / PART {
         case 0u: {
-            return atomicAdd(&tally_high_0[at], units);
+            atomicAdd(&tally_high_0[at], units);
         }
         case 1u: {
-            return atomicAdd(&tally_high_1[at], units);
+            atomicAdd(&tally_high_1[at], units);
         }
         case 2u: {
-            return atomicAdd(&tally_high_2[at], units);
+            atomicAdd(&tally_high_2[at], units);
         }
         default: {
-            return atomicAdd(&tally_high_3[at], units);
+            atomicAdd(&tally_high_3[at], units);
         }
     }
 }

@@ -7,6 +7,6 @@ fn add_low(bin: u32, units: u32) -> u32 {
     return atomicAdd(&tally_low[bin], units);
 }
 
-fn add_high(bin: u32, units: u32) -> u32 {
-    return atomicAdd(&tally_high[bin], units);
+fn add_high(bin: u32, units: u32) {
+    atomicAdd(&tally_high[bin], units);
 }

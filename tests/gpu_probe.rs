@@ -34,7 +34,7 @@ fn a_wrong_formula_is_named() {
         ("phase_hg", "phase_sample", "1.0 + q * x", "1.0 - q * x"),
         ("flight", "mean_transmittance", "tau * (0.5 - tau", "tau * (0.501 - tau"),
         ("lookup_linear", "value_at", "u.y * (x.y - x.x)", "u.y * (x.y + x.x)"),
-        ("light", "rough_column", "let slice = row * (u32(scene.n.y) + 2u)", "let slice = row * (u32(scene.n.y) + 1u)"),
+        ("light", "incident", "1.0 / d2, distance", "1.0 / distance, distance"),
     ] {
         let text = read(file).expect("it is there");
         assert!(text.contains(right), "{file} has no {right}");

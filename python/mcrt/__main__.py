@@ -9,6 +9,7 @@ import numpy as np
 
 import mcrt
 
+from ._info import show_probes
 from .chart import chart
 
 
@@ -18,7 +19,9 @@ def main() -> int:
         prog="python -m mcrt", description=mcrt.__doc__.splitlines()[0]
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("info", help="print version, CPU lanes, threads, GPU adapters")
+    commands.add_parser(
+        "info", help="print version, CPU lanes, threads, GPU adapters; check the GPU"
+    )
     shown = commands.add_parser(
         "demo", help="light in a real MRI volume: two pictures, one shot of photons"
     )
@@ -32,6 +35,7 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.command == "info":
         mcrt.show_info()
+        show_probes()
     elif arguments.command == "chart":
         chart(arguments.output, seed=arguments.seed)
     else:

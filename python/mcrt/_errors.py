@@ -33,7 +33,10 @@ class DeviceLostError(McrtError, RuntimeError):
     """
 
     def __init__(
-        self, message: str, partial: "Result | None" = None, run: "Callable[..., Result] | None" = None
+        self,
+        message: str,
+        partial: "Result | None" = None,
+        run: "Callable[..., Result] | None" = None,
     ) -> None:
         super().__init__(message)
         self.partial = partial

@@ -1,7 +1,7 @@
 """The Rust core. Every call gets the scene again; nothing is kept between calls."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ __all__ = [
     "phase_eval",
     "phase_sample",
     "plan",
+    "probe",
     "simulate",
 ]
 
@@ -33,6 +34,7 @@ def framing_camera(
     spacing: tuple[float, float, float],
     origin: tuple[float, float, float],
 ) -> tuple[Any, ...]: ...
+
 @final
 class Unfinished: ...
 
@@ -47,6 +49,7 @@ def info() -> dict[str, Any]: ...
 def phase_eval(spec: tuple[Any, ...], cos_theta: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def phase_sample(spec: tuple[Any, ...], n: int, seed: int) -> NDArray[np.float64]: ...
 def plan(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]: ...
+def probe() -> list[tuple[str, str, str, int, float, float]]: ...
 def simulate(
     scene: dict[str, Any],
     settings: dict[str, Any],

@@ -347,7 +347,7 @@ class Result:
             "max_scatterings": self._settings["max_scatterings"],
             "transmitted_only": self.plan.method == "path",
             "threads": self._settings["threads"],
-            "backend": self._settings["backend"],
+            "backend": self._settings.get("backend"),
             "eye": self._scene["camera"],
         }
 

@@ -5,6 +5,7 @@ pub mod cpu;
 pub mod gpu;
 pub mod run;
 pub mod shot;
+pub mod single;
 
 use crate::error::{Result, scene_error};
 use crate::plan::{Adapter, Settings};
@@ -52,7 +53,9 @@ impl Device {
             #[cfg(not(feature = "gpu"))]
             ("auto", "") => Ok(Device::Cpu),
             #[cfg(not(feature = "gpu"))]
-            ("gpu", _) => Err(crate::Error::NoAdapter("this build has no GPU backend; use backend=\"cpu\"".into())),
+            ("gpu", _) => {
+                Err(crate::error::Error::NoAdapter("this build has no GPU backend; use backend=\"cpu\"".into()))
+            }
             _ => scene_error(format!(
                 "backend = {wish:?} is not allowed; \"auto\", \"cpu\", \"gpu\" and \"gpu:NAME\" are"
             )),

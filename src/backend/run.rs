@@ -111,7 +111,7 @@ fn run_here(
     }
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
-    let mut outcome = settle::settle(plan, &views, shot, control)?;
+    let mut outcome = settle::settle(plan, &views, shot, device, control)?;
     drop(views);
     outcome.columns = plan
         .lights
@@ -153,6 +153,7 @@ pub fn illuminations<'a>(
 }
 
 /// Walks batch after batch until the plan, the target, the clock or the user says stop.
+#[expect(clippy::too_many_arguments, reason = "each is a part of a run")]
 fn batches(
     plan: &Plan,
     device: &Device,

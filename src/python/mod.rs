@@ -1,6 +1,7 @@
 //! The Python module `mcrt._mcrt`: dictionaries and arrays in, arrays out. The only place that knows of Python.
 
 mod convert;
+mod machine;
 mod watch;
 
 use crate::backend::Device;
@@ -8,6 +9,7 @@ use crate::backend::cpu::angular::Towards;
 use crate::backend::cpu::gather::{Volumes, beams};
 use crate::backend::cpu::{self, pixel_error};
 use crate::backend::run;
+use crate::error::Error;
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
@@ -24,8 +26,10 @@ use pyo3::types::{PyDict, PyList};
 #[pymodule]
 mod _mcrt {
     #[pymodule_export]
+    use super::machine::{info, probe};
+    #[pymodule_export]
     use super::{
-        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, info, lose_device,
+        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, lose_device,
         phase_eval, phase_sample, plan, simulate,
     };
 }
@@ -182,7 +186,12 @@ fn gather<'py>(
     {
         convert::same_eye(py, &camera, &stored.eye)?;
     }
-    let (device, _) = device(py, volumes)?;
+    // A result that was loaded is shown where there is no GPU, too.
+    let wish = convert::optional::<String>(volumes, "backend")?.unwrap_or_else(|| "cpu".into());
+    let device = match py.detach(|| Device::open(&wish)) {
+        Err(Error::NoAdapter(_)) => Device::Cpu,
+        device => device.map_err(|e| to_py(py, e))?,
+    };
     let k = if replicates { stored.replicates() } else { 0 };
     let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
     cost::check_image(pixels, (channels * (6 + k)) as u64).map_err(|e| to_py(py, e))?;
@@ -256,17 +265,6 @@ fn gather<'py>(
     if replicates {
         out.set_item("bias", array(py, bias.unwrap_or(empty), &shape, channels, 1)?)?;
     }
-    Ok(out)
-}
-
-/// Version, lanes in use, threads.
-#[pyfunction]
-fn info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
-    let out = PyDict::new(py);
-    out.set_item("version", env!("CARGO_PKG_VERSION"))?;
-    out.set_item("simd", cpu::simd::best().to_string())?;
-    out.set_item("threads", cost::threads(None))?;
-    out.set_item("gpu", false)?;
     Ok(out)
 }
 

@@ -12,6 +12,7 @@ import contextlib
 import os
 import time
 
+import backends
 import cloud
 import cube60
 import mcrt
@@ -24,6 +25,9 @@ import table
 import volpath
 from peers import BENCH
 
+# The other groups compare the CPU's.
+os.environ.setdefault("MCRT_BACKEND", "cpu")
+
 GROUPS = {
     "cube60": cube60.run,
     "cloud": cloud.run,
@@ -33,6 +37,7 @@ GROUPS = {
     "specialise": specialise.run,
     "scaling": scaling.run,
     "memory": memory.run,
+    "backends": backends.run,
 }
 
 

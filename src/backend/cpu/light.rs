@@ -182,6 +182,11 @@ impl<'a> Illumination<'a> {
         self.field.at(p)
     }
 
+    /// The column density that light can meet within one voxel.
+    pub fn reach(&self) -> f32 {
+        self.reach
+    }
+
     /// The column densities at the nodes of the light grid: the voxel centres, and one layer of centres beyond each face,
     /// where they are such that interpolation is right on the face. [nx + 2][ny + 2][nz + 2] values, x fastest.
     pub fn columns(&self, control: &Control) -> Vec<f32> {
@@ -216,7 +221,7 @@ pub fn voxel_fluence(
 ) -> Quadrature {
     let centre: V3 = cell.map(|c| c as f32 + 0.5);
     if let Source::Point(position) = light.source
-        && (0..3).all(|a| (centre[a] - position[a]).abs() < 3.0)
+        && is_next_to(light, cell)
     {
         let fluence = near_fluence(light, extinction, cell, position);
         let density = light.field.at(centre);
@@ -271,10 +276,20 @@ pub struct Quadrature {
     pub collisions: [f32; 3],
 }
 
+/// Pieces of a face along each axis, of 4^2 Gauss points each, next to a point light.
+pub const PIECES: usize = 4;
+
+/// Whether a voxel is next to a light, or around it.
+pub fn is_next_to(light: &Illumination, cell: [i32; 3]) -> bool {
+    match light.source {
+        Source::Point(position) => (0..3).all(|a| (cell[a] as f32 + 0.5 - position[a]).abs() < 3.0),
+        Source::Directional(_) => false,
+    }
+}
+
 /// The same next to a point light, or around it, where 1/d^2 is no polynomial: the volume integral in the light's
 /// spherical coordinates, as signed integrals over the voxel's faces of (cosine / d^2) * integral of exp(-depth) dr.
 fn near_fluence(light: &Illumination, extinction: &[f32; 3], cell: [i32; 3], position: V3) -> [f32; 3] {
-    const PIECES: usize = 4;
     let h = light.h.map(f64::from);
     let rule = GAUSS[3];
     let mut sum = [0.0f64; 3];

@@ -3,15 +3,16 @@
 use super::angular::Towards;
 use super::emit::{hit_fraction, mean_density};
 use super::gather::Volumes;
-use super::light::{Illumination, Quadrature, beam, unscattered, voxel_fluence};
+use super::light::{Illumination, beam, unscattered};
 use super::pixel_error;
 use super::shoot::LocalEye;
-use crate::backend::shot::{Shot, pad};
+use crate::backend::shot::Shot;
+use crate::backend::single::{Single, albedo_of, cosine, single};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
-use crate::plan::{Direct, Emission, Plan};
+use crate::plan::{Emission, Plan};
 use crate::result::{Energy, Outcome, Share};
-use crate::scene::field::{Occupancy, V3};
+use crate::scene::field::Occupancy;
 use crate::scene::{Albedo, Light};
 use crate::tally::Moments;
 use rayon::prelude::*;
@@ -19,22 +20,18 @@ use rayon::prelude::*;
 /// 1 / (4 pi).
 const PER_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
 
-/// The deterministic part: what unscattered light leaves in the voxels.
-struct Direct0 {
-    /// Fluence.
-    fluence: Vec<f32>,
-    /// J towards the eye of all deterministic lights.
-    source: Vec<f32>,
-    /// Power that collides of lights that shoot no photons, by light and channel: (absorbed, scattered).
-    collided: Vec<[[f64; 3]; 2]>,
-}
-
 /// Sums up a run.
-pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, control: &Control) -> Result<Outcome> {
+pub fn settle(
+    plan: &Plan,
+    views: &[Option<Illumination>],
+    mut shot: Shot,
+    device: &Device,
+    control: &Control,
+) -> Result<Outcome> {
     let channels = plan.channels;
     let values = plan.scene.medium.volume.voxels() * channels;
     let energy = balance(plan, views, &shot);
-    let direct = direct(plan, views, control)?;
+    let direct = direct(plan, views, device, control)?;
     let energy = close(plan, energy, &direct);
     let count = shot.batches;
     let tallied = !plan.layers.is_empty() && count > 0;
@@ -162,121 +159,45 @@ fn interleaved(sums: &[Vec<f32>], batches: &[u64]) -> Vec<f32> {
     means
 }
 
-/// The unscattered light in the voxels.
-fn direct(plan: &Plan, views: &[Option<Illumination>], control: &Control) -> Result<Direct0> {
+/// The deterministic part: what unscattered light leaves in the voxels.
+fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
     let scene = plan.scene;
     let volume = &scene.medium.volume;
     let (channels, n) = (plan.channels, volume.n());
-    let values = volume.voxels() * channels;
-    let extinction = scene.medium.extinction.rgb.map(|e| e as f32);
     let h = volume.spacing().map(|c| c as f32);
-    let phase = &scene.medium.phase;
     let eye = LocalEye::new(scene, &scene.camera);
     let wants_source = plan.settings.radiance && plan.wants_source();
-    let quiet = plan.lights.iter().any(|l| l.emission == Emission::Nothing);
-    let mut fluence = vec![0.0f32; if plan.settings.fluence { values } else { 0 }];
-    let mut source = vec![0.0f32; if plan.settings.radiance { values } else { 0 }];
-    let mut collided = vec![[[0.0f64; 3]; 2]; scene.lights.len()];
-    let albedo = |voxel: usize| match scene.medium.albedo {
-        Albedo::Constant(a) => a.rgb,
-        Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
-    };
-    let quadrature: Vec<(usize, &Illumination, (usize, bool))> = plan
-        .lights
-        .iter()
-        .zip(views)
-        .enumerate()
-        .filter_map(|(l, (how, view))| match (how.direct, view) {
-            (Direct::Quadrature { points, rays }, Some(view)) => Some((l, view, (points, rays))),
-            _ => None,
-        })
-        .collect();
-    if !quadrature.is_empty() && (plan.settings.fluence || wants_source || quiet) {
-        let row = n[0] * channels;
-        let rows = n[1] * n[2];
-        let mut fluence_rows: Vec<Option<&mut [f32]>> = pad(fluence.chunks_mut(row), rows);
-        let lit: &mut [f32] = if wants_source { &mut source } else { &mut [] };
-        let mut source_rows: Vec<Option<&mut [f32]>> = pad(lit.chunks_mut(row), rows);
-        let sums: Vec<Vec<[[f64; 3]; 2]>> = fluence_rows
-            .par_iter_mut()
-            .zip(source_rows.par_iter_mut())
-            .enumerate()
-            .map(|(at, (fluence, source))| {
-                let mut sums = vec![[[0.0f64; 3]; 2]; if quiet { scene.lights.len() } else { 0 }];
-                if control.stopped() {
-                    return sums;
-                }
-                let (j, k) = (at % n[1], at / n[1]);
-                for i in 0..n[0] {
-                    let cell = [i as i32, j as i32, k as i32];
-                    let centre = cell.map(|c| c as f32 + 0.5);
-                    for &(l, view, rule) in &quadrature {
-                        let Quadrature { fluence: phi, collisions } = voxel_fluence(view, &extinction, rule, cell);
-                        if let Some(row) = fluence {
-                            (0..channels).for_each(|c| row[i * channels + c] += phi[c]);
-                        }
-                        if let Some(row) = source {
-                            let toward = eye.from(centre, h);
-                            let p = phase.pdf(cosine(toward, view.incident(centre).direction));
-                            (0..channels).for_each(|c| row[i * channels + c] += phi[c] * p);
-                        }
-                        if quiet {
-                            let albedo = albedo(at * n[0] + i);
-                            for c in 0..3 {
-                                let power =
-                                    scene.medium.extinction.rgb[c] * f64::from(collisions[c]) * volume.voxel_volume();
-                                sums[l][0][c] += power * (1.0 - albedo[c]);
-                                sums[l][1][c] += power * albedo[c];
-                            }
-                        }
-                    }
-                }
-                sums
-            })
-            .collect();
-        for row in sums {
-            for (total, sum) in collided.iter_mut().zip(row) {
-                for (t, s) in total.iter_mut().flatten().zip(sum.iter().flatten()) {
-                    *t += s;
-                }
-            }
-        }
-    }
+    let mut found = single(plan, views, device, control)?;
     for (l, light) in scene.lights.iter().enumerate() {
         let Light::Pencil { position, direction, power } = light else { continue };
         let cubic = volume.voxel_volume();
         beam(scene, *position, *direction, |voxel, length| {
             let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
             let centre = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
-            let p = phase.pdf(cosine(eye.from(centre, h), direction.map(|c| c as f32)));
+            let p = scene.medium.phase.pdf(cosine(eye.from(centre, h), direction.map(|c| c as f32)));
             let density = f64::from(mean_density(volume, [i, j, k]));
-            let albedo = albedo(voxel);
+            let albedo = albedo_of(scene, voxel);
             for c in 0..3 {
                 let phi = power.rgb[c] * length[c] / cubic;
                 if c < channels {
                     let at = voxel * channels + c;
-                    if let Some(x) = fluence.get_mut(at) {
+                    if let Some(x) = found.fluence.get_mut(at) {
                         *x += phi as f32;
                     }
-                    if let Some(x) = source.get_mut(at).filter(|_| wants_source) {
+                    if let Some(x) = found.source.get_mut(at).filter(|_| wants_source) {
                         *x += phi as f32 * p;
                     }
                 }
                 let power = density * scene.medium.extinction.rgb[c] * phi * cubic;
-                collided[l][0][c] += power * (1.0 - albedo[c]);
-                collided[l][1][c] += power * albedo[c];
+                found.collided[l][0][c] += power * (1.0 - albedo[c]);
+                found.collided[l][1][c] += power * albedo[c];
             }
         });
     }
     if control.stopped() && !plan.shoots() {
         return Err(Error::Interrupted);
     }
-    Ok(Direct0 { fluence, source, collided })
-}
-
-#[inline(always)]
-fn cosine(a: V3, b: V3) -> f32 {
-    (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).clamp(-1.0, 1.0)
+    Ok(found)
 }
 
 /// The energy balance [W] without what [`direct`] finds: shares of photons, and what lights send past or through.
@@ -345,7 +266,7 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
 }
 
 /// Adds what collides of lights without photons, and turns watts into fractions.
-fn close(plan: &Plan, mut energy: Energy, direct: &Direct0) -> Energy {
+fn close(plan: &Plan, mut energy: Energy, direct: &Single) -> Energy {
     for (light, sums) in plan.lights.iter().zip(&direct.collided) {
         if light.emission == Emission::Nothing {
             for c in 0..plan.channels {
@@ -388,7 +309,7 @@ pub fn relative_error(
     if !over_pixels {
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
-        let direct = match direct(plan, views, control) {
+        let direct = match direct(plan, views, device, control) {
             Ok(direct) if !shot.fluence.mean.is_empty() && plan.settings.fluence => direct.fluence,
             _ => vec![0.0; moments.mean.len()],
         };

@@ -64,6 +64,11 @@ pub fn all() -> Vec<wgpu::Adapter> {
     found
 }
 
+/// What all adapters say of themselves, the fastest kind first.
+pub fn descriptions() -> Vec<Description> {
+    all().iter().map(describe).collect()
+}
+
 /// The adapter that `wish` means: "high" (or nothing) is the fastest kind, "low" an integrated one before all others, and
 /// anything else a part of a name, in either case of letters.
 pub fn choose(wish: &str) -> Result<wgpu::Adapter> {

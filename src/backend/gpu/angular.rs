@@ -11,15 +11,16 @@ use bytemuck::{Pod, Zeroable};
 /// `Job` of `shaders/angular.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Job {
-    n: [u32; 3],
-    order: u32,
-    h: [f32; 3],
-    first: u32,
-    eye: [f32; 4],
-    inner: u32,
-    count: u32,
-    spare: [u32; 2],
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Job {
+    pub n: [u32; 3],
+    pub order: u32,
+    pub h: [f32; 3],
+    pub first: u32,
+    pub eye: [f32; 4],
+    pub inner: u32,
+    pub count: u32,
+    pub spare: [u32; 2],
 }
 
 /// Coefficients of a dispatch.

@@ -1,8 +1,8 @@
 //! The gather on the GPU: [`cpu::gather`](crate::backend::cpu::gather) cell by cell.
 //!
-//! How many rays a pixel takes is found on the CPU, in double precision. Pixels with equally many make batches; a batch's rays
-//! are walked by dispatches of bounded work, from one of which to the next their sums lie in a buffer. Four values of the
-//! source volume are gathered at a time.
+//! How many rays a pixel takes is found on the CPU, in double precision. Pixels with equally many make batches; a
+//! batch's rays are walked by dispatches of bounded work, from one of which to the next their sums lie in a buffer.
+//! Four values of the source volume are gathered at a time.
 
 use super::device::Gpu;
 use super::glow::Glow;
@@ -104,49 +104,52 @@ impl View {
 /// `Job` of `shaders/gather_ray.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-struct Job {
-    rays: u32,
-    samples: u32,
-    steps: u32,
-    begin: u32,
-    lights: u32,
-    pixels: u32,
-    maps: u32,
-    finer: u32,
-    channels: [u32; 4],
-    sky: [f32; 3],
-    spare: u32,
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Job {
+    pub rays: u32,
+    pub samples: u32,
+    pub steps: u32,
+    pub begin: u32,
+    pub lights: u32,
+    pub pixels: u32,
+    pub maps: u32,
+    pub finer: u32,
+    pub channels: [u32; 4],
+    pub sky: [f32; 3],
+    pub spare: u32,
 }
 
 /// `Sums` of `shaders/gather_ray.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Sums {
-    cell: [i32; 3],
-    t: f32,
-    next: [f32; 3],
-    column: f32,
-    order1: [f32; 3],
-    part: u32,
-    source: [f32; 4],
-    light: u32,
-    over: u32,
-    spare: [u32; 2],
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Sums {
+    pub cell: [i32; 3],
+    pub t: f32,
+    pub next: [f32; 3],
+    pub column: f32,
+    pub order1: [f32; 3],
+    pub part: u32,
+    pub source: [f32; 4],
+    pub light: u32,
+    pub over: u32,
+    pub spare: [u32; 2],
 }
 
 /// `Pixel` of `shaders/gather_mean.wgsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Pixel {
-    order1: [f32; 3],
-    spare: f32,
-    transmittance: [f32; 3],
-    spare_too: f32,
-    background: [f32; 3],
-    spare_again: f32,
-    emitted: [f32; 3],
-    spare_at_last: f32,
-    source: [f32; 4],
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Pixel {
+    pub order1: [f32; 3],
+    pub spare: f32,
+    pub transmittance: [f32; 3],
+    pub spare_too: f32,
+    pub background: [f32; 3],
+    pub spare_again: f32,
+    pub emitted: [f32; 3],
+    pub spare_at_last: f32,
+    pub source: [f32; 4],
 }
 
 /// How work is cut into dispatches; results do not depend on it.
@@ -662,6 +665,7 @@ mod tests {
             ("light on a ray, orthographic", Case { lights: on_ray(&wide), camera: wide, ..one.clone() }),
             ("orthographic", Case { camera: wide, ..one.clone() }),
             ("from within", Case { camera: perspective([0.3, 0.4, 0.6], 100.0), ..one.clone() }),
+            ("from within, wide", Case { camera: perspective([0.3, 0.4, 0.6], 179.95), ..one.clone() }),
             ("from far away", Case { camera: perspective(far, 6e-5), ..one.clone() }),
             ("pixels", Case { pixels: Some(vec![250, 7, 130, 131, 479]), ..one }),
         ]

@@ -83,15 +83,15 @@ mod tests {
             let mut draws = Draws::new([4, 1], i, 0);
             let (a, b) = (draws.next4().map(uniform), draws.next4().map(uniform));
             let mut p: [f32; 3] = std::array::from_fn(|k| n[k] as f32 * a[k]);
-            if i % 2 == 0 {
+            if i.is_multiple_of(2) {
                 p[i as usize % 3] = 0.0;
             }
             let mut d: [f32; 3] = std::array::from_fn(|k| b[k] - if p[k] == 0.0 { 0.0 } else { 0.5 });
-            if i % 7 == 0 {
+            if i.is_multiple_of(7) {
                 d[(i as usize + 1) % 3] = 0.0;
             }
             let norm = d.iter().map(|c| c * c).sum::<f32>().sqrt();
-            let length = if i % 5 == 0 { 3.0 * a[3] } else { 3e38 };
+            let length = if i.is_multiple_of(5) { 3.0 * a[3] } else { 3e38 };
             Line { p, length, v: std::array::from_fn(|k| d[k] / norm / h[k] as f32), cells: 1 + (i % 9) as u32 }
         };
         (0..2000).map(line).collect()
@@ -106,7 +106,8 @@ mod tests {
         planes: usize,
     }
 
-    /// The largest differences to the CPU, relative to themselves and a hundredth of the largest: of light, of integrals, of values.
+    /// The largest differences to the CPU, of light, of integrals and of values, relative to these and a hundredth of the
+    /// largest.
     fn differences(case: &Case) -> [f32; 3] {
         let gpu = Gpu::open("").expect("an adapter");
         let (n, h) = (case.n, [0.5, 1.0, 2.0]);

@@ -1,5 +1,5 @@
-//! Sky maps on the GPU. What is drawn there has the density that is said there, exactly: both come from the same integers,
-//! the parts of importance by row and texel in 2^-31, which no texel that is not dark has none of.
+//! Sky maps on the GPU. What is drawn there has the density that is said there, exactly: both come from the same
+//! integers, the parts of importance by row and texel in 2^-31, which no texel that is not dark has none of.
 
 use super::device::Gpu;
 use super::kernel::Binding;

@@ -73,11 +73,14 @@ fn about<T: Into<f64>, const N: usize>(size: f64, numbers: [T; N]) -> [Measured;
     })
 }
 
-/// What a function should return.
+/// What a function should return for some inputs.
+type Answer<'a> = Box<dyn Fn(&Inputs) -> Vec<Measured> + 'a>;
+
+/// What a function should return, how that is known, and how close it should be.
 struct Reference<'a> {
     against: &'static str,
     bound: f64,
-    answer: Box<dyn Fn(&Inputs) -> Vec<Measured> + 'a>,
+    answer: Answer<'a>,
 }
 
 /// A shader function, its inputs, and what it should return.

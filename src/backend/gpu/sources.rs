@@ -80,6 +80,7 @@ shaders! {
     "march_linear"
     "march_nearest"
     "march_voxels"
+    "near"
     "near_lights"
     "near_none"
     "path"
@@ -104,6 +105,7 @@ shaders! {
     "score_nothing"
     "shoot"
     "shoot_one"
+    "single"
     "skip_blocks"
     "skip_none"
     "source0_none"
@@ -168,9 +170,14 @@ const ENDS: &str = "end_fate | end_nothing";
 const REACHES: &str = "reach_constant | reach_nearest | reach_linear";
 const NEARS: &str = "near_none | near_lights";
 const SKIES: &str = "maps_none | maps_some map";
+/// What the medium emits.
+const EMISSIONS: &str = "emission_1 | emission_3";
+const GLOWS: &str = "glow_linear | glow_nearest";
 
 /// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
 pub const KERNELS: &[&[&str]] = &[
+    &["single light"],
+    &["near light"],
     &[
         "shoot flights flight_state roulette photons counters tally deposit harmonics start",
         "flights_cells | flights_one",
@@ -214,10 +221,27 @@ pub const KERNELS: &[&[&str]] = &[
         NEARS,
         SKIES,
     ],
+    &[
+        "gather gather_ray gather_close camera interpolate light",
+        "camera_perspective | camera_orthographic",
+        "cells_constant | cells_linear | cells_nearest",
+        "source_voxels | source_none",
+        "source0_voxels | source0_none",
+        "skip_blocks | skip_none",
+    ],
+    &["angular harmonics"],
+    &["gather_glow gather_ray camera emitted_rays glow", EMISSIONS, GLOWS],
+    &[
+        "gather_mean gather_ray camera",
+        "emitted_rays glow | emitted_none",
+        EMISSIONS,
+        GLOWS,
+        "backdrop_maps map | backdrop_constant",
+    ],
 ];
 
 /// Files that no scene asks for together.
-const NEVER: [(&str, &str); 10] = [
+const NEVER: &[(&str, &str)] = &[
     ("weights_chromatic", "channels_1"),
     ("emission_3", "channels_1"),
     ("march_constant", "density_voxels"),
@@ -228,6 +252,13 @@ const NEVER: [(&str, &str); 10] = [
     ("reach_nearest", "lookup_linear"),
     ("reach_linear", "density_constant"),
     ("reach_linear", "lookup_nearest"),
+    ("glow_linear", "lookup_nearest"),
+    ("glow_nearest", "lookup_linear"),
+    ("cells_constant", "density_voxels"),
+    ("cells_linear", "density_constant"),
+    ("cells_linear", "lookup_nearest"),
+    ("cells_nearest", "density_constant"),
+    ("cells_nearest", "lookup_linear"),
 ];
 
 /// All kernels, each for so many kinds of scene that any two choices that may meet do meet: what is missing or clashes, does

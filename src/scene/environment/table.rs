@@ -55,9 +55,9 @@ impl Table {
         pick(&self.cells[row * self.width..(row + 1) * self.width], v)
     }
 
-    /// The ends of the rows, and of the cells within each, in parts of [`Table::UNIT`]. A chance that is a difference of
-    /// them is what it is exactly, to 2^-31 the one by mass, and not 0 where there is mass. All is in the first cell where
-    /// there is none.
+    /// The ends of the rows, and of the cells within each, in parts of [`Table::UNIT`]. A chance that is a difference
+    /// of them is what it is exactly, to 2^-31 the one by mass, and not 0 where there is mass. All is in the first cell
+    /// where there is none.
     pub fn ends(&self) -> [Vec<u32>; 2] {
         let mut rows = vec![0; self.rows.len()];
         whole(&self.rows, &mut rows);
@@ -73,8 +73,8 @@ impl Table {
     }
 }
 
-/// The ends of the parts of a running sum in integers, the last at [`Table::UNIT`]: each part that adds something is one
-/// at least.
+/// The ends of the parts of a running sum in integers, the last at [`Table::UNIT`]: each part that adds something is
+/// one at least.
 fn whole(sums: &[f64], ends: &mut [u32]) {
     let total = sums.last().copied().unwrap_or(0.0);
     if total == 0.0 {

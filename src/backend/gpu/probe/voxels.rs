@@ -5,7 +5,7 @@ use super::super::scene::GpuScene;
 use super::{Bench, Inputs, Measured, Twin, about, drawn, formulas, relative, some_words};
 use crate::backend::cpu::light::Illumination;
 use crate::error::Result;
-use crate::physics::flight::mean_transmittance;
+use crate::physics::flight::{ball_range, box_range, mean_transmittance};
 use crate::physics::rng::uniform;
 use crate::physics::{Phase, Real};
 use crate::plan::Column;
@@ -203,6 +203,16 @@ fn lines<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         Twin::new(edge, "leave", "return vec4(leave(a.xyz, b.xyz).t);", inputs)
             .single(if field.is_ball() { 12.0 } else { 4.0 }, move |i| relative([field.leave(i.p(), i.v()).1])),
     );
+    // The way to the point nearest to a ball's centre is as sure as it is long, and the ends less where they are near it.
+    let ball = field.is_ball();
+    let met = "let r = meet(a.xyz, b.xyz);\n    return select(vec4(0.0), vec4(1.0, r, 0.0), r.x < r.y);";
+    twins.push(Twin::new(edge, "meet", met, rays(scene)).double(8.0, move |i| {
+        let (p, v) = (i.p().map(f64::from), i.v().map(f64::from));
+        let range = if ball { ball_range(p, v, 0.5) } else { box_range(p, v, n.map(f64::from)) };
+        let (enter, leave) = range.unwrap_or_default();
+        let size = enter.abs().max(leave.abs()) + if ball { 1.0 / (leave - enter) } else { 0.0 };
+        [(f64::from(u8::from(range.is_some())), 1.0), (enter, size), (leave, size)]
+    }));
     // Points on both sides of the edge, and on the faces.
     let mut points = rays(scene);
     for i in &mut points {
@@ -302,22 +312,21 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
             about(f64::from((i.b[3] - i.a[3]) * (1.0 + top / there.max(1e-30))), [t])
         }));
     }
-    let (albedo, values): (_, Box<dyn Fn(&Inputs, bool) -> [f32; 3]>) = match medium.albedo {
-        Albedo::Constant(a) => ("albedo_constant", Box::new(move |_, _| a.rgb.map(|c| c as f32))),
-        Albedo::PerVoxel(values) => {
-            let field = Field::new(values, volume);
-            let at = move |i: &Inputs, read| if read { field.one_read(i.p(), i.w[0]) } else { field.at(i.p()) };
-            ("albedo_voxels", Box::new(move |i, read| [at(i, read); 3]))
-        }
+    let albedo = match medium.albedo {
+        Albedo::Constant(_) => "albedo_constant",
+        Albedo::PerVoxel(_) => "albedo_voxels",
     };
-    let values = std::rc::Rc::new(values);
-    for (function, body, read) in [
-        ("albedo_at", "return vec4(rgb(albedo_at(a.xyz)), 0.0);", false),
-        ("albedo_read", "return vec4(rgb(albedo_read(a.xyz, w.x)), 0.0);", true),
-    ] {
-        let values = values.clone();
-        twins.push(Twin::new(albedo, function, body, inputs.clone()).single(8.0, move |i| about(1.0, values(i, read))));
-    }
+    let value = move |i: &Inputs, read: bool| match &medium.albedo {
+        Albedo::Constant(a) => a.rgb.map(|c| c as f32),
+        Albedo::PerVoxel(values) if read => [Field::new(values, volume).one_read(i.p(), i.w[0]); 3],
+        Albedo::PerVoxel(values) => [Field::new(values, volume).at(i.p()); 3],
+    };
+    twins.extend([
+        Twin::new(albedo, "albedo_at", "return vec4(rgb(albedo_at(a.xyz)), 0.0);", inputs.clone())
+            .single(8.0, move |i| about(1.0, value(i, false))),
+        Twin::new(albedo, "albedo_read", "return vec4(rgb(albedo_read(a.xyz, w.x)), 0.0);", inputs)
+            .single(2.0, move |i| about(1.0, value(i, true))),
+    ]);
     twins
 }
 

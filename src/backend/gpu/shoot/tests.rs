@@ -255,13 +255,16 @@ fn sums_cross_32_and_64_bits() {
         let (_, zero) = batch(&mut shooting, 0);
         let most = zero.iter().copied().max().unwrap_or(0);
         assert!(most > 100_000);
-        for preset in [(1 << 32) - 1000, u64::MAX - 1000, 0x7fff_ffff_0000_0000 - 2 * most] {
+        for preset in [(1 << 32) - 1000, u64::MAX - 1000, (1 << 62) - 2 * most] {
             let (ended, sums) = batch(&mut shooting, preset);
             assert_eq!(ended, Ok(true), "{preset:x}");
             assert!(sums.iter().zip(&zero).all(|(sum, units)| *sum == preset.wrapping_add(*units)), "{preset:x}");
+            assert!(shooting.bins().is_ok(), "{preset:x}");
         }
-        // Beyond 2^63 it is said.
-        let (ended, _) = batch(&mut shooting, (1 << 63) - 1000);
-        assert!(ended.is_err_and(|e| e.to_string().contains("2^63")));
+        // Beyond 2^62 it is said.
+        for preset in [(1 << 62) - 1000, (1 << 63) - 1000, 1 << 63] {
+            batch(&mut shooting, preset).0.expect("it runs");
+            assert!(shooting.bins().is_err_and(|e| e.to_string().contains("2^62")), "{preset:x}");
+        }
     });
 }

@@ -1,0 +1,495 @@
+//! Unscattered light in the voxels, on the GPU: a light's means over the voxels, some rows of them at a time.
+
+use super::device::Gpu;
+use super::kernel::{Binding, Kernel};
+use super::lights::Lights;
+use super::scene::GpuScene;
+use crate::backend::Control;
+use crate::backend::cpu::light::{Illumination, PIECES, Quadrature, Source, is_next_to};
+use crate::backend::single::Lit;
+use crate::error::{Error, Result};
+use crate::plan::Plan;
+use bytemuck::{Pod, Zeroable};
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// `Job` of `shaders/single.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Job {
+    pub first: u32,
+    pub count: u32,
+    pub points: u32,
+    pub rays: u32,
+    pub most: u32,
+    pub begins: u32,
+    pub reach: f32,
+    pub side: f32,
+}
+
+/// `Progress` of `shaders/single.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct Progress {
+    pub at: u32,
+    pub points: u32,
+    pub shift: f32,
+    pub spare: u32,
+}
+
+/// `Job` of `shaders/near.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+#[expect(missing_docs, reason = "the shader names and describes them")]
+pub struct NearJob {
+    pub low: [i32; 3],
+    pub count: u32,
+    pub size: [u32; 3],
+    pub spare: u32,
+}
+
+/// Voxels of a dispatch at most.
+const VOXELS: usize = 1 << 16;
+/// Cells that the rays of a dispatch cross, and those of one invocation.
+const CELLS: usize = 1 << 25;
+const CELLS_OF_ONE: usize = 30_000;
+
+/// A light of the quadrature.
+#[derive(Debug)]
+struct Light {
+    lights: Lights,
+    points: usize,
+    rays: bool,
+    reach: f32,
+    /// Cells that are crossed for a point.
+    cells: usize,
+    /// Voxels next to it.
+    near: HashMap<usize, Quadrature>,
+}
+
+/// The means over voxels of all lights, some rows along x at a time.
+#[derive(Debug)]
+pub struct Quadratures<'a> {
+    gpu: &'a Gpu,
+    scene: GpuScene,
+    kernel: Arc<Kernel>,
+    lights: Vec<Light>,
+    progress: wgpu::Buffer,
+    unfinished: wgpu::Buffer,
+    means: wgpu::Buffer,
+    job: wgpu::Buffer,
+    channels: usize,
+    /// Whether collisions are wanted.
+    collisions: bool,
+    n: [usize; 3],
+    side: f32,
+    /// Voxels of a dispatch at most, and cells that its rays cross.
+    voxels: usize,
+    cells: usize,
+    /// The rows that are found, and the means in them of each light.
+    rows: Range<usize>,
+    found: Vec<Vec<f32>>,
+}
+
+impl<'a> Quadratures<'a> {
+    /// Uploads the scene and the lights, and finds the voxels next to these.
+    pub fn new(gpu: &'a Gpu, plan: &Plan, lights: &[Lit], collisions: bool, control: &Control) -> Result<Self> {
+        Self::cut(gpu, plan, lights, collisions, [VOXELS, CELLS], control)
+    }
+
+    /// The same with at most so many voxels in a dispatch, the rays of which cross so many cells.
+    fn cut(
+        gpu: &'a Gpu,
+        plan: &Plan,
+        lights: &[Lit],
+        collisions: bool,
+        [voxels, cells]: [usize; 2],
+        control: &Control,
+    ) -> Result<Self> {
+        let volume = &plan.scene.medium.volume;
+        let (channels, n) = (plan.channels, volume.n());
+        let scene = GpuScene::new(gpu, plan.scene, channels)?;
+        let kernel = gpu.kernel(scene.source(&["single", "light"]))?;
+        let across = n.iter().sum::<usize>() + 8;
+        let lights = lights
+            .iter()
+            .map(|lit| {
+                let on_gpu = Lights::new(gpu, std::iter::once((lit.view, 1.0)))?;
+                // Light grids that do not fit are not there: then rays find every depth.
+                let has_grid = lit.view.grid().is_some() && lit.view.layers()[2] <= gpu.description.extent as usize;
+                let walks = !volume.is_constant() && (lit.rays || !has_grid);
+                let near = near(gpu, &scene, &on_gpu, lit.view, n, channels, control)?;
+                let cells = if walks { across } else { 4 };
+                let (points, rays, reach) = (lit.points, lit.rays, lit.view.reach());
+                Ok(Light { lights: on_gpu, points, rays, reach, cells, near })
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let most = (voxels / n[0]).max(1) * n[0];
+        Ok(Quadratures {
+            gpu,
+            kernel,
+            lights,
+            progress: gpu.empty((most * size_of::<Progress>()) as u64)?,
+            unfinished: gpu.empty(4)?,
+            means: gpu.empty((most * 2 * channels * 4) as u64)?,
+            job: gpu.uniform(&Job::default())?,
+            scene,
+            channels,
+            collisions,
+            n,
+            side: volume.spacing().into_iter().fold(0.0, |m, h| (h as f32).max(m)),
+            voxels,
+            cells,
+            rows: 0..0,
+            found: Vec::new(),
+        })
+    }
+
+    /// Finds the next rows along x; `None` after the last.
+    pub fn next_rows(&mut self, control: &Control) -> Result<Option<Range<usize>>> {
+        let [nx, ny, nz] = self.n;
+        let first = self.rows.end;
+        if first == ny * nz {
+            return Ok(None);
+        }
+        self.rows = first..(first + (self.voxels / nx).max(1)).min(ny * nz);
+        self.found = self.lights.iter().map(|light| self.means(light, control)).collect::<Result<_>>()?;
+        Ok(Some(self.rows.clone()))
+    }
+
+    /// The means of a light over the rows' voxels.
+    fn means(&self, light: &Light, control: &Control) -> Result<Vec<f32>> {
+        let gpu = self.gpu;
+        let count = self.rows.len() * self.n[0];
+        let mut bindings = self.scene.bindings();
+        bindings.extend(light.lights.bindings());
+        let own = [
+            ("job", &self.job),
+            ("progress", &self.progress),
+            ("unfinished", &self.unfinished),
+            ("means", &self.means),
+        ];
+        bindings.extend(own.map(|(name, buffer)| (name, Binding::Buffer(buffer))));
+        let most = (self.cells / (count * light.cells)).min(CELLS_OF_ONE / light.cells).max(1);
+        let all = light.points.pow(3);
+        for from in (0..all).step_by(most) {
+            if control.stopped() {
+                return Err(Error::Interrupted);
+            }
+            let job = Job {
+                first: (self.rows.start * self.n[0]) as u32,
+                count: count as u32,
+                points: light.points as u32,
+                rays: u32::from(light.rays),
+                most: most as u32,
+                begins: u32::from(from == 0),
+                reach: light.reach,
+                side: self.side,
+            };
+            gpu.write(&self.job, 0, &[job]);
+            gpu.clear(&self.unfinished);
+            gpu.run(&self.kernel, &bindings, count as u64)?;
+            // Few voxels need as many points as the densest.
+            if from + most < all && gpu.read::<u32>(&self.unfinished, 1)?[0] == 0 {
+                break;
+            }
+        }
+        gpu.read(&self.means, count * self.channels * if self.collisions { 2 } else { 1 })
+    }
+
+    /// The means of the light `at` over a voxel of the rows that were found last.
+    pub fn of(&self, at: usize, cell: [usize; 3]) -> Quadrature {
+        let voxel = (cell[2] * self.n[1] + cell[1]) * self.n[0] + cell[0];
+        if let Some(quadrature) = self.lights[at].near.get(&voxel) {
+            return *quadrature;
+        }
+        let (count, i) = (self.rows.len() * self.n[0], voxel - self.rows.start * self.n[0]);
+        let plane = |plane: usize| self.found[at].get(plane * count + i).copied().unwrap_or(0.0);
+        let channel = |c: usize| c.min(self.channels - 1);
+        Quadrature {
+            fluence: std::array::from_fn(|c| plane(channel(c))),
+            collisions: std::array::from_fn(|c| plane(self.channels + channel(c))),
+        }
+    }
+}
+
+/// The means over the voxels next to a light.
+fn near(
+    gpu: &Gpu,
+    scene: &GpuScene,
+    lights: &Lights,
+    view: &Illumination,
+    n: [usize; 3],
+    channels: usize,
+    control: &Control,
+) -> Result<HashMap<usize, Quadrature>> {
+    let mut list = HashMap::new();
+    let Source::Point(position) = view.source else { return Ok(list) };
+    // The voxels within 3 of it, or one more.
+    let low: [i32; 3] = std::array::from_fn(|a| (position[a] - 3.5).clamp(0.0, n[a] as f32) as i32);
+    let high: [i32; 3] = std::array::from_fn(|a| (position[a] + 3.5).clamp(0.0, n[a] as f32) as i32);
+    let size: [u32; 3] = std::array::from_fn(|a| (high[a] - low[a]) as u32);
+    let voxels = size.iter().product::<u32>() as usize;
+    if voxels == 0 {
+        return Ok(list);
+    }
+    if control.stopped() {
+        return Err(Error::Interrupted);
+    }
+    let each = 6 * PIECES * PIECES;
+    let job = NearJob { low, count: (voxels * each) as u32, size, spare: 0 };
+    let (job, output) = (gpu.uniform(&job)?, gpu.empty((voxels * each * channels * 4) as u64)?);
+    let mut bindings = scene.bindings();
+    bindings.extend(lights.bindings());
+    bindings.extend([("job", Binding::Buffer(&job)), ("pieces", Binding::Buffer(&output))]);
+    gpu.run(&*gpu.kernel(scene.source(&["near", "light"]))?, &bindings, (voxels * each) as u64)?;
+    let pieces: Vec<f32> = gpu.read(&output, voxels * each * channels)?;
+    let volume = scene.constants.h.iter().map(|&h| f64::from(h)).product::<f64>();
+    for (at, pieces) in pieces.chunks(each * channels).enumerate() {
+        let at = [at % size[0] as usize, at / size[0] as usize % size[1] as usize, at / (size[0] * size[1]) as usize];
+        let cell: [i32; 3] = std::array::from_fn(|a| low[a] + at[a] as i32);
+        if !is_next_to(view, cell) {
+            continue;
+        }
+        let sum = |c: usize| pieces.iter().skip(c).step_by(channels).map(|&piece| f64::from(piece)).sum::<f64>();
+        let fluence = std::array::from_fn(|c| (sum(c.min(channels - 1)) / volume * f64::from(view.value[c])) as f32);
+        let density = view.density(cell.map(|c| c as f32 + 0.5));
+        let voxel = cell.map(|c| c as usize);
+        list.insert(
+            (voxel[2] * n[1] + voxel[1]) * n[0] + voxel[0],
+            Quadrature { fluence, collisions: fluence.map(|f| f * density) },
+        );
+    }
+    Ok(list)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::adapter;
+    use super::*;
+    use crate::backend::Device;
+    use crate::backend::run::{illuminations, light_grids, run};
+    use crate::backend::single::{Single, single};
+    use crate::physics::Phase;
+    use crate::plan::{Column, Direct, Emission, Settings};
+    use crate::scene::field::Occupancy;
+    use crate::scene::light::Light;
+    use crate::scene::{Albedo, Camera, Medium, Scene, Spectrum, Volume};
+
+    #[derive(Debug, Clone, Copy)]
+    enum Density {
+        One,
+        Voxels,
+        Linear,
+    }
+
+    /// A scene, and how its lights are found.
+    #[derive(Debug, Clone)]
+    struct Case {
+        density: Density,
+        extinction: &'static [f64],
+        per_voxel: bool,
+        rule: (usize, bool),
+        column: Column,
+        lights: Vec<Light>,
+    }
+
+    const N: [usize; 3] = [7, 5, 6];
+
+    /// What `f` makes of a case.
+    fn with<T>(case: &Case, f: impl FnOnce(&Plan, &[Option<Illumination>]) -> T) -> T {
+        let hash = |i: usize| ((i * 7919 + 31) % 101) as f32 / 100.0;
+        let voxels = N.iter().product();
+        let density: Vec<f32> = match case.density {
+            Density::One => vec![0.7; voxels],
+            _ => (0..voxels).map(|i| (hash(i) - 0.3).max(0.0)).collect(),
+        };
+        let linear = matches!(case.density, Density::Linear);
+        let albedos: Vec<f32> = (0..voxels).map(|i| hash(5 * i + 2)).collect();
+        let spectrum = |v: &[f64]| Spectrum::new(v, "value").expect("valid");
+        let volume = Volume::new(&density, N, [0.5, 1.0, 0.8], [-1.0, 2.0, 0.0], linear).expect("valid");
+        let albedo =
+            if case.per_voxel { Albedo::PerVoxel(&albedos) } else { Albedo::Constant(spectrum(&[0.9, 0.5, 0.1])) };
+        let phase = Phase::HenyeyGreenstein { g: 0.6 };
+        let medium = Medium::new(volume, spectrum(case.extinction), albedo, phase).expect("valid");
+        let camera = Camera::perspective([30.0, -30.0, 20.0], [2.0; 3], [0.0, 0.0, 1.0], 20.0, [9, 9]).expect("valid");
+        let scene = Scene::new(medium, case.lights.clone(), camera);
+        let settings = Settings { photons: Some(1000), ..Settings::default() };
+        let mut plan = Plan::new(&scene, &settings).expect("valid");
+        for light in &mut plan.lights {
+            light.direct = Direct::Quadrature { points: case.rule.0, rays: case.rule.1 };
+            light.emission = Emission::Nothing;
+            light.column = case.column;
+        }
+        let occupancy = Occupancy::new(&scene.medium.volume);
+        let columns = light_grids(&plan, occupancy.as_ref(), &Control::new(None));
+        let views = illuminations(&scene, occupancy.as_ref(), plan.lights.iter().map(|l| l.column), &columns);
+        f(&plan, &views)
+    }
+
+    /// The voxels' light on both devices.
+    fn both(case: &Case) -> [Single; 2] {
+        let gpu = Gpu::open("").expect("an adapter");
+        let control = Control::new(None);
+        let on = |device| with(case, |plan, views| single(plan, views, &device, &control).expect("it runs"));
+        [on(Device::Cpu), on(Device::Gpu(gpu))]
+    }
+
+    /// The largest difference of two lists, relative to the values and a ten thousandth of the largest.
+    fn difference<T: Into<f64> + Copy>(found: &[T], truth: &[T]) -> f64 {
+        assert!(found.len() == truth.len() && !found.is_empty());
+        let top = truth.iter().fold(0.0, |top: f64, &t| top.max(t.into()));
+        assert!(top > 0.0);
+        let pairs = found.iter().zip(truth).map(|(&f, &t)| (f.into(), t.into()));
+        pairs.fold(0.0, |worst: f64, (f, t)| worst.max((f - t).abs() / (t + 1e-4 * top)))
+    }
+
+    /// Lights inside the box, close to it, far away, and parallel.
+    fn lights() -> Vec<Vec<Light>> {
+        let point = |p: [f64; 3], v: &[f64]| Light::point(p, v).expect("valid");
+        let sun = |v: &[f64]| Light::directional([0.3, -0.5, -1.0], v).expect("valid");
+        vec![
+            vec![point([1.3, 4.6, 3.1], &[2.0])],
+            vec![point([-1.7, 4.1, 2.2], &[2.0])],
+            vec![point([-9.0, 14.0, 20.0], &[200.0])],
+            vec![sun(&[3.0])],
+            vec![Light::directional([0.0, 0.0, 1.0], &[3.0]).expect("valid")],
+            vec![point([0.0, 5.0, 2.0], &[2.0, 1.0, 0.5]), sun(&[0.1, 0.5, 2.0]), point([9.0, 9.0, 9.0], &[3.0])],
+        ]
+    }
+
+    #[test]
+    fn unscattered_light_is_that_of_the_cpu() {
+        for lights in lights() {
+            for density in [Density::One, Density::Voxels, Density::Linear] {
+                for (extinction, rule) in [
+                    (&[0.3] as &[f64], (1, false)),
+                    (&[0.3], (4, false)),
+                    (&[1.5], (2, true)),
+                    (&[1.5, 0.3, 3.0], (3, true)),
+                    (&[5.0, 15.0, 0.0], (8, true)),
+                    (&[25.0], (16, true)),
+                ] {
+                    // The light grid matters where not every point has a ray.
+                    for column in [Column::Grid, Column::Rays].into_iter().skip(usize::from(rule.1)) {
+                        let per_voxel = rule.0 % 2 == 0;
+                        let lights = lights.clone();
+                        let case = Case { density, extinction, per_voxel, rule, column, lights };
+                        let [truth, found] = both(&case);
+                        let sums = |single: &Single| {
+                            let all = single.collided.as_flattened().as_flattened().to_vec();
+                            all.into_iter().filter(|&sum| sum > 0.0).collect::<Vec<f64>>()
+                        };
+                        let worst = [
+                            difference(&found.fluence, &truth.fluence),
+                            difference(&found.source, &truth.source),
+                            difference(&sums(&found), &sums(&truth)),
+                        ];
+                        assert!(worst[0] < 5e-6 && worst[1] < 5e-6 && worst[2] < 3e-7, "{worst:?} {case:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_energy_balance_is_that_of_the_cpu() {
+        for density in [Density::One, Density::Voxels, Density::Linear] {
+            let case = Case {
+                density,
+                extinction: &[1.5, 0.3, 3.0],
+                per_voxel: true,
+                rule: (3, true),
+                column: Column::Rays,
+                lights: lights().remove(5),
+            };
+            let energies = [Device::Cpu, Device::Gpu(Gpu::open("").expect("an adapter"))].map(|device| {
+                let settings = Settings { max_scatterings: Some(0), ..Settings::default() };
+                with(&case, |plan, _| {
+                    let plan = Plan::new(plan.scene, &settings).expect("valid");
+                    assert!(!plan.shoots());
+                    run(&plan, &device, &Control::new(None), None).expect("it runs").0.energy
+                })
+            });
+            let [truth, found] = energies;
+            for (found, truth) in found.fractions.as_flattened().iter().zip(truth.fractions.as_flattened()) {
+                assert!((found - truth).abs() < 3e-7, "{density:?}: {found} and {truth}");
+            }
+            assert!(found.fractions.as_flattened().iter().sum::<f64>() > 1.0);
+        }
+    }
+
+    #[test]
+    fn cutting_the_work_changes_nothing() {
+        let gpu = Gpu::open("").expect("an adapter");
+        let lights = lights().remove(5);
+        let case = Case {
+            density: Density::Voxels,
+            extinction: &[25.0, 3.0, 9.0],
+            per_voxel: true,
+            rule: (16, true),
+            column: Column::Grid,
+            lights,
+        };
+        let all = |limits: [usize; 2]| {
+            with(&case, |plan, views| {
+                let lit = |light: usize| {
+                    let view = views[light].as_ref().expect("a point or directional light");
+                    Lit { light, view, points: [16, 4, 8][light], rays: light != 1 }
+                };
+                let lit = [lit(0), lit(1), lit(2)];
+                let control = Control::new(None);
+                let mut found = Quadratures::cut(&gpu, plan, &lit, true, limits, &control).expect("it fits");
+                let mut bits = Vec::new();
+                while let Some(rows) = found.next_rows(&control).expect("it runs") {
+                    for (row, i) in rows.flat_map(|row| (0..N[0]).map(move |i| (row, i))) {
+                        for at in 0..3 {
+                            let Quadrature { fluence, collisions } = found.of(at, [i, row % N[1], row / N[1]]);
+                            bits.extend([fluence, collisions].as_flattened().iter().map(|v| v.to_bits()));
+                        }
+                    }
+                }
+                bits
+            })
+        };
+        let truth = all([VOXELS, CELLS]);
+        assert_eq!(truth.len(), N.iter().product::<usize>() * 18);
+        for limits in [[1, 1 << 20], [3 * N[0], 70_000], [64, CELLS]] {
+            assert!(all(limits) == truth, "{limits:?}");
+        }
+    }
+
+    /// A plain case.
+    fn plain() -> Case {
+        Case {
+            density: Density::Voxels,
+            extinction: &[1.0],
+            per_voxel: false,
+            rule: (4, true),
+            column: Column::Rays,
+            lights: lights().remove(3),
+        }
+    }
+
+    #[test]
+    fn what_a_lost_device_leaves_the_cpu_finds() {
+        let gpu = Gpu::new(&adapter::choose("").expect("an adapter")).expect("it opens");
+        gpu.lose();
+        let device = Device::Gpu(Arc::new(gpu));
+        let on =
+            |device| with(&plain(), |plan, views| single(plan, views, device, &Control::new(None)).expect("it runs"));
+        assert!(on(&device).fluence == on(&Device::Cpu).fluence);
+    }
+
+    #[test]
+    fn a_stopped_run_ends() {
+        let gpu = Gpu::open("").expect("an adapter");
+        let control = Control::new(None);
+        control.stop();
+        let found = with(&plain(), |plan, views| single(plan, views, &Device::Gpu(gpu), &control).map(|_| ()));
+        assert!(matches!(found, Err(Error::Interrupted)));
+    }
+}
