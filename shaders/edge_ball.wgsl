@@ -19,13 +19,13 @@ fn leave(p: vec3<f32>, v: vec3<f32>) -> Leave {
     return Leave(0, max((root - b) / a, 0.0));
 }
 
-// (entry, exit) parameters of the line p + t v; it misses unless entry < exit.
-fn meet(p: vec3<f32>, v: vec3<f32>) -> vec2<f32> {
-    return ball_range(p, v, 0.5);
-}
-
 // Whether a point is within the ball.
 fn contains(p: vec3<f32>) -> bool {
     let r = p - 0.5;
     return r.x * r.x + r.y * r.y + r.z * r.z < 0.25;
+}
+
+// (entry, exit) parameters of the line p + t v; it misses unless entry < exit.
+fn meet(p: vec3<f32>, v: vec3<f32>) -> vec2<f32> {
+    return ball_range(p, v, 0.5);
 }

@@ -20,12 +20,12 @@ fn leave(p: vec3<f32>, v: vec3<f32>) -> Leave {
     return out;
 }
 
-// (entry, exit) parameters of the line p + t v; it misses unless entry < exit.
-fn meet(p: vec3<f32>, v: vec3<f32>) -> vec2<f32> {
-    return box_range(p, v, vec3<f32>(scene.n));
-}
-
 // Whether a point is within the box.
 fn contains(p: vec3<f32>) -> bool {
     return all(p >= vec3(0.0)) && all(p < vec3<f32>(scene.n));
+}
+
+// (entry, exit) parameters of the line p + t v; it misses unless entry < exit.
+fn meet(p: vec3<f32>, v: vec3<f32>) -> vec2<f32> {
+    return box_range(p, v, vec3<f32>(scene.n));
 }

@@ -147,22 +147,3 @@ fn map_density(map: u32, row: MapPick, column: MapPick) -> f32 {
     let densities = m.values + m.width * m.height * m.channels + m.height + 1u;
     return row.share * column.share * map_values[densities + row.at];
 }
-
-// atan2(y, x) within [-pi, pi] (Moshier 1989: atanf).
-fn angle(y: f32, x: f32) -> f32 {
-    let short = min(abs(x), abs(y));
-    let long = max(abs(x), abs(y));
-    // The ratio, or beyond tan(pi / 8) that of the angle less pi / 4.
-    let beyond = short > 0.41421357 * long;
-    let t = select(short, short - long, beyond) / max(select(long, short + long, beyond), 1.1754944e-38);
-    let z = t * t;
-    var a = 8.053744e-2;
-    a = a * z - 1.3877685e-1;
-    a = a * z + 1.9977711e-1;
-    a = a * z - 3.3332950e-1;
-    a = a * z * t + t;
-    a = select(a, a + 0.7853982, beyond);
-    a = select(a, 1.5707964 - a, abs(y) > abs(x));
-    a = select(a, 3.1415927 - a, bitcast<i32>(x) < 0);
-    return bitcast<f32>(bitcast<u32>(a) | (bitcast<u32>(y) & 0x80000000u));
-}

@@ -13,7 +13,16 @@ fn ln(x: f32) -> f32 {
     // x = 2^exponent * (1 + m) with 1 + m within [sqrt(1/2), sqrt(2)).
     let shifted = bitcast<u32>(x) - 0x3f3504f3u;
     let exponent = f32(bitcast<i32>(shifted) >> 23u);
-    let m = bitcast<f32>((shifted & 0x007fffffu) + 0x3f3504f3u) - 1.0;
+    return ln_parts(bitcast<f32>((shifted & 0x007fffffu) + 0x3f3504f3u) - 1.0, exponent);
+}
+
+// ln(1 + x) for x within [-0.29, 0.41], which keeps its precision near 0.
+fn ln_1p(x: f32) -> f32 {
+    return ln_parts(x, 0.0);
+}
+
+// ln((1 + m) 2^exponent) for 1 + m within [sqrt(1/2), sqrt(2)).
+fn ln_parts(m: f32, exponent: f32) -> f32 {
     let z = m * m;
     var y = 7.0376836e-2;
     y = y * m - 1.151461e-1;
@@ -75,6 +84,42 @@ fn sin_cos_turn(x: f32) -> vec2<f32> {
     let magnitudes = select(vec2(s, c), vec2(c, s), (quadrant & 1u) == 1u);
     let signs = (vec2(quadrant, quadrant + 1u) & vec2(2u)) << vec2(30u);
     return bitcast<vec2<f32>>(bitcast<vec2<u32>>(magnitudes) ^ signs);
+}
+
+// atan2(y, x) within [-pi, pi] (Moshier 1989: atanf).
+fn angle(y: f32, x: f32) -> f32 {
+    let short = min(abs(x), abs(y));
+    let long = max(abs(x), abs(y));
+    // The ratio, or beyond tan(pi / 8) that of the angle less pi / 4.
+    let beyond = short > 0.41421357 * long;
+    let t = select(short, short - long, beyond) / max(select(long, short + long, beyond), 1.1754944e-38);
+    let z = t * t;
+    var a = 8.053744e-2;
+    a = a * z - 1.3877685e-1;
+    a = a * z + 1.9977711e-1;
+    a = a * z - 3.3332950e-1;
+    a = a * z * t + t;
+    a = select(a, a + 0.7853982, beyond);
+    a = select(a, 1.5707964 - a, abs(y) > abs(x));
+    a = select(a, 3.1415927 - a, bitcast<i32>(x) < 0);
+    return bitcast<f32>(bitcast<u32>(a) | (bitcast<u32>(y) & 0x80000000u));
+}
+
+// Tangent within [-pi / 2, pi / 2] (Moshier 1989: tanf).
+fn tangent(x: f32) -> f32 {
+    // Beyond pi / 4 from what is left to pi / 2, which is the sum of two numbers.
+    let steep = abs(x) > 0.7853982;
+    let rest = select(abs(x), (FRAC_PI_2 - abs(x)) - 4.371139e-8, steep);
+    let z = rest * rest;
+    var y = 9.385402e-3;
+    y = y * z + 3.1199223e-3;
+    y = y * z + 2.4430135e-2;
+    y = y * z + 5.3411281e-2;
+    y = y * z + 1.3338799e-1;
+    y = y * z + 3.3333157e-1;
+    y = y * z * rest + rest;
+    y = select(y, 1.0 / y, steep);
+    return select(y, -y, x < 0.0);
 }
 
 // The cell [i, i + 1) that holds x, 0 <= x < 2^22; an integer may count to the cell below it (0 does not).

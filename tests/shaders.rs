@@ -5,7 +5,7 @@ use mcrt::backend::gpu::kernel::parse;
 use mcrt::backend::gpu::probe::Inputs;
 use mcrt::backend::gpu::scene::Constants;
 use mcrt::backend::gpu::sources::{ALL, KERNELS, read};
-use mcrt::backend::gpu::{angular, emit, gather, kernels, lights, map, shoot, single};
+use mcrt::backend::gpu::{angular, emit, gather, kernels, lights, map, path, shoot, single};
 use std::collections::HashSet;
 use std::fs;
 use std::mem::offset_of;
@@ -66,7 +66,11 @@ const TWINS: [(&str, &str); 11] = [
 
 /// Functions with another name in Rust, for which WGSL has its own or no methods; those without one are parts of a
 /// function that is written otherwise there.
-const RENAMED: [(&str, &str); 17] = [
+const RENAMED: [(&str, &str); 21] = [
+    ("ln_1p", ""),
+    ("ln_parts", ""),
+    ("angle", ""),
+    ("tangent", ""),
     ("exp_parts", ""),
     ("expo", "exp"),
     ("expo_m1", ""),
@@ -125,6 +129,9 @@ fn layouts() -> Vec<Layout> {
         layout!("photons", "Job", shoot::Job, slots rounds unit spare),
         layout!("photons", "Photon", shoot::Photon,
             p order d state weight number absorbed block word at depth xi free_path hero spare),
+        layout!("paths", "Job", path::Job,
+            resolution first columns count number pixel rays slots steps background images slot end),
+        layout!("paths", "Image", path::Image, pixel place),
         layout!("map", "Map", map::Entry, width height channels values sums spare),
         layout!("single", "Job", single::Job, first count points rays most begins reach side),
         layout!("single", "Progress", single::Progress, at points shift spare),

@@ -30,7 +30,14 @@ pub trait Shooter {
 pub struct Unfinished {
     /// What happened.
     pub why: Error,
-    rest: Shot,
+    rest: Rest,
+}
+
+/// What a run left.
+#[derive(Debug, Clone)]
+enum Rest {
+    Photons(Box<Shot>),
+    Paths(path::Taken),
 }
 
 /// Runs a plan, or goes on with a run of it that was cut short. The second value is there if this was cut short too; what
@@ -43,7 +50,12 @@ pub fn run(
 ) -> Result<(Outcome, Option<Unfinished>)> {
     cpu::with_threads(plan.settings.threads, || {
         if plan.paths.is_some() {
-            path::run(plan, control).map(|outcome| (outcome, None))
+            let taken = before.and_then(|before| match before.rest {
+                Rest::Paths(taken) => Some(taken),
+                Rest::Photons(_) => None,
+            });
+            let (outcome, rest) = path::run(plan, device, control, taken)?;
+            Ok((outcome, rest.map(|(why, taken)| Unfinished { why, rest: Rest::Paths(taken) })))
         } else {
             run_here(plan, device, control, before)
         }
@@ -73,7 +85,10 @@ fn run_here(
         return Err(Error::Interrupted);
     }
     let light_seconds = control.seconds();
-    let mut shot = before.map_or_else(|| Shot::new(plan), |before| before.rest);
+    let mut shot = match before.map(|before| before.rest) {
+        Some(Rest::Photons(shot)) => *shot,
+        _ => Shot::new(plan),
+    };
     let mut unfinished = None;
     if plan.shoots() && !emitters.is_empty() {
         let power = emitters.iter().map(|e| e.power).sum();
@@ -89,7 +104,7 @@ fn run_here(
         match ended {
             Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
                 shot.stopped = Stopped::DeviceLost;
-                unfinished = Some(Unfinished { why, rest: shot.clone() });
+                unfinished = Some(Unfinished { why, rest: Rest::Photons(Box::new(shot.clone())) });
             }
             ended => ended?,
         }

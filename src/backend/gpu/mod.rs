@@ -13,12 +13,14 @@ pub mod glow;
 pub mod kernel;
 pub mod lights;
 pub mod map;
+pub mod path;
 pub mod probe;
 pub mod scene;
 pub mod shoot;
 pub mod single;
 pub mod sources;
 pub mod tally;
+pub mod tracker;
 
 pub use device::Gpu;
 pub use sources::kernels;

@@ -33,6 +33,7 @@ shaders! {
     "cells_nearest"
     "channels_1"
     "channels_3"
+    "connect"
     "counters"
     "density_constant"
     "density_voxels"
@@ -41,10 +42,16 @@ shaders! {
     "edge_box"
     "emission_1"
     "emission_3"
+    "emits"
+    "emits_nothing"
+    "emitted_chromatic"
+    "emitted_grey"
     "emitted_none"
     "emitted_rays"
     "end_fate"
     "end_nothing"
+    "first_chromatic"
+    "first_grey"
     "flight"
     "flight_state"
     "flights"
@@ -67,18 +74,30 @@ shaders! {
     "lookup_linear"
     "lookup_nearest"
     "map"
+    "maps_none"
+    "maps_some"
     "march_constant"
     "march_linear"
     "march_nearest"
     "march_voxels"
     "near"
+    "near_lights"
+    "near_none"
+    "path"
+    "path_flights"
+    "path_tracker"
+    "paths"
     "phase"
     "phase_hg"
     "phase_isotropic"
     "phase_rayleigh"
     "phase_tabulated"
     "photons"
+    "primary"
     "probe"
+    "reach_constant"
+    "reach_linear"
+    "reach_nearest"
     "real"
     "rng"
     "roulette"
@@ -147,6 +166,10 @@ const TALLIES: &str = "tally_whole | tally_parts";
 /// Whether tests watch photons.
 const ENDS: &str = "end_fate | end_nothing";
 
+/// What paths are chosen by, however they fly.
+const REACHES: &str = "reach_constant | reach_nearest | reach_linear";
+const NEARS: &str = "near_none | near_lights";
+const SKIES: &str = "maps_none | maps_some map";
 /// What the medium emits.
 const EMISSIONS: &str = "emission_1 | emission_3";
 const GLOWS: &str = "glow_linear | glow_nearest";
@@ -177,6 +200,28 @@ pub const KERNELS: &[&[&str]] = &[
         TALLIES,
     ],
     &[
+        "path path_flights flights paths primary camera connect light flight_state roulette first_grey weights_grey \
+         emits_nothing",
+        "flights_cells | flights_one",
+        "turn_isotropic | turn_phase",
+        "accept_all | accept_some",
+        REACHES,
+        NEARS,
+        SKIES,
+    ],
+    &[
+        "path path_tracker paths primary camera connect light flight_state roulette way score_nothing",
+        "weights_chromatic first_chromatic emits_nothing | weights_grey first_grey emits_nothing | \
+         weights_chromatic first_chromatic emits emitted_chromatic emission_1 | \
+         weights_chromatic first_chromatic emits emitted_chromatic emission_3 | \
+         weights_grey first_grey emits emitted_grey emission_1 | weights_grey first_grey emits emitted_grey emission_3",
+        "tracker_woodcock | tracker_analytic | tracker_march march_constant march_nearest | \
+         tracker_march march_voxels march_nearest | tracker_march march_voxels march_linear",
+        REACHES,
+        NEARS,
+        SKIES,
+    ],
+    &[
         "gather gather_ray gather_close camera interpolate light",
         "camera_perspective | camera_orthographic",
         "cells_constant | cells_linear | cells_nearest",
@@ -202,6 +247,11 @@ const NEVER: &[(&str, &str)] = &[
     ("march_constant", "density_voxels"),
     ("march_voxels", "density_constant"),
     ("march_linear", "lookup_nearest"),
+    ("reach_constant", "density_voxels"),
+    ("reach_nearest", "density_constant"),
+    ("reach_nearest", "lookup_linear"),
+    ("reach_linear", "density_constant"),
+    ("reach_linear", "lookup_nearest"),
     ("glow_linear", "lookup_nearest"),
     ("glow_nearest", "lookup_linear"),
     ("cells_constant", "density_voxels"),

@@ -4,19 +4,21 @@
 //! there is one. From there paths run against the light by null-collision flights (or any tracker), and are connected to
 //! every light at each real collision. Each pixel's mean and standard error are those of its rays.
 
-mod connect;
+pub mod connect;
 mod lanes;
 mod primary;
-mod walk;
+pub mod walk;
 
 use super::gather::{Volumes, image};
 use super::pixel_error;
 use super::shoot::Medium;
 use super::track::{self, Analytic, March, Woodcock};
-use crate::backend::Control;
+#[cfg(feature = "gpu")]
+use crate::backend::gpu;
 use crate::backend::run::{illuminations, light_grids};
+use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
-use crate::plan::{Plan, Tracker};
+use crate::plan::{PathPlan, Plan, Tracker};
 use crate::result::{Outcome, Pixels, Stopped};
 use crate::scene::Light;
 use crate::scene::field::{Field, Occupancy};
@@ -94,14 +96,99 @@ pub trait Tracer<const C: usize>: Sync {
 
 /// Sums over the view rays of a pixel.
 #[derive(Debug, Clone, Copy)]
-struct Sums<const C: usize> {
+pub struct Sums<const C: usize> {
     one: [f64; C],
     all: [f64; C],
     square: [f64; C],
 }
 
-/// Runs a plan for paths.
-pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
+impl<const C: usize> Default for Sums<C> {
+    fn default() -> Self {
+        Sums { one: [0.0; C], all: [0.0; C], square: [0.0; C] }
+    }
+}
+
+impl<const C: usize> Sums<C> {
+    /// All values.
+    pub fn values(&self) -> impl Iterator<Item = f64> {
+        [self.one, self.all, self.square].into_iter().flatten()
+    }
+
+    /// From all values.
+    fn from_slice(values: &[f64]) -> Self {
+        let part = |k: usize| std::array::from_fn(|c| values[k * C + c]);
+        Sums { one: part(0), all: part(1), square: part(2) }
+    }
+
+    /// Adds what a view ray sees: light that was scattered once, and more often.
+    #[inline(always)]
+    pub fn add(&mut self, one: [f64; C], more: [f64; C]) {
+        for c in 0..C {
+            let all = one[c] + more[c];
+            self.one[c] += one[c];
+            self.all[c] += all;
+            self.square[c] += all * all;
+        }
+    }
+}
+
+/// What takes view rays of all pixels.
+pub trait Passes<const C: usize> {
+    /// View rays of each pixel that it takes in a pass, of which so many are planned.
+    fn rays(&self, planned: u64) -> u64 {
+        planned
+    }
+
+    /// Adds view rays of a range of numbers to all pixels' sums; gives the number of real collisions. What it leaves once
+    /// `halted` said so is of no use.
+    fn take(&self, rays: Range<u64>, sums: &mut [Sums<C>], halted: &(dyn Fn() -> bool + Sync)) -> Result<u64>;
+}
+
+/// What all view rays share.
+pub struct Rays<'a> {
+    /// The plan.
+    pub plan: &'a Plan<'a>,
+    /// How it traces paths.
+    pub paths: &'a PathPlan,
+    /// Columns and rows of pixels that may see the medium.
+    pub window: [(usize, usize); 2],
+    /// Where near lights are seen, in pixels.
+    pub images: Vec<[f64; 2]>,
+}
+
+impl<'a> Rays<'a> {
+    /// Those of a plan.
+    pub fn new(plan: &'a Plan<'a>, connections: &Connections) -> Result<Self> {
+        let Some(paths) = &plan.paths else { return Err(Error::Internal("the plan has no paths".into())) };
+        let camera = &plan.scene.camera;
+        let image = |light: &Light| match light {
+            Light::Point { position, .. } if !connections.near.is_empty() => camera.project(*position),
+            _ => None,
+        };
+        let volume = &plan.scene.medium.volume;
+        let window = camera.window(volume.world([0.0; 3]), volume.size());
+        Ok(Rays { plan, paths, window, images: plan.scene.lights.iter().filter_map(image).collect() })
+    }
+}
+
+/// The view rays that were taken before a device was lost.
+#[derive(Debug, Clone)]
+pub struct Taken {
+    /// Sums over the rays of each pixel, by channel.
+    sums: Vec<f64>,
+    done: u64,
+    goal: u64,
+    collisions: u64,
+}
+
+/// Runs a plan for paths, or goes on with a run that a lost device cut short. The second value is there if this was cut
+/// short too; what it had finished is the outcome then.
+pub fn run(
+    plan: &Plan,
+    device: &Device,
+    control: &Control,
+    taken: Option<Taken>,
+) -> Result<(Outcome, Option<(Error, Taken)>)> {
     let occupancy = Occupancy::new(&plan.scene.medium.volume);
     let occupancy = occupancy.as_ref();
     let columns = light_grids(plan, occupancy, control);
@@ -111,40 +198,63 @@ pub fn run(plan: &Plan, control: &Control) -> Result<Outcome> {
     if control.stopped() {
         return Err(Error::Interrupted);
     }
+    let rays = Rays::new(plan, &connections)?;
     let light_seconds = control.seconds();
-    let mut outcome = match (plan.channels, plan.chromatic) {
-        (1, _) => grey::<1>(plan, &connections, &field, control)?,
-        (_, false) => grey::<3>(plan, &connections, &field, control)?,
-        (_, true) => chromatic(plan, &connections, &field, control)?,
+    let (mut outcome, unfinished) = match device {
+        Device::Cpu => match (plan.channels, plan.chromatic) {
+            (1, _) => grey::<1>(&rays, &connections, &field, control, taken)?,
+            (_, false) => grey::<3>(&rays, &connections, &field, control, taken)?,
+            (_, true) => chromatic(&rays, &connections, &field, control, taken)?,
+        },
+        #[cfg(feature = "gpu")]
+        Device::Gpu(gpu) => {
+            let paths = gpu::path::Paths::new(gpu, &rays, &connections)?;
+            match plan.channels {
+                1 => passes::<1>(&rays, &paths, control, taken)?,
+                _ => passes::<3>(&rays, &paths, control, taken)?,
+            }
+        }
     };
     outcome.seconds = [light_seconds, control.seconds() - light_seconds, 0.0];
-    Ok(outcome)
+    Ok((outcome, unfinished))
 }
 
-fn grey<const C: usize>(plan: &Plan, connections: &Connections, field: &Field, control: &Control) -> Result<Outcome>
+/// What a run of passes gives.
+type Ended = Result<(Outcome, Option<(Error, Taken)>)>;
+
+fn grey<const C: usize>(
+    rays: &Rays,
+    connections: &Connections,
+    field: &Field,
+    control: &Control,
+    taken: Option<Taken>,
+) -> Ended
 where
     for<'a> Woodcock<'a, false>: track::Tracker<C>,
 {
+    let plan = rays.plan;
     if plan.lanes {
-        return passes::<C>(plan, &Laned::<C>::new(plan, connections), connections, field, control);
+        let tracer = Laned::<C>::new(plan, connections);
+        return passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control, taken);
     }
     match (plan.tracker, &plan.majorant) {
         (Tracker::Woodcock, Some(grid)) => {
-            one_by_one::<_, C>(Woodcock::<false>::new(plan, grid), plan, connections, field, control)
+            one_by_one::<_, C>(Woodcock::<false>::new(plan, grid), rays, connections, field, control, taken)
         }
         (Tracker::Analytic, _) => {
             let sigma_t = plan.scene.medium.max_sigma_t() as f32;
             let tracker = Analytic { field: *field, sigma_t, score: plan.score, scores: false };
-            one_by_one::<_, C>(tracker, plan, connections, field, control)
+            one_by_one::<_, C>(tracker, rays, connections, field, control, taken)
         }
-        _ => one_by_one::<_, C>(march::<false>(plan), plan, connections, field, control),
+        _ => one_by_one::<_, C>(march::<false>(plan), rays, connections, field, control, taken),
     }
 }
 
-fn chromatic(plan: &Plan, connections: &Connections, field: &Field, control: &Control) -> Result<Outcome> {
+fn chromatic(rays: &Rays, connections: &Connections, field: &Field, control: &Control, taken: Option<Taken>) -> Ended {
+    let plan = rays.plan;
     match &plan.majorant {
-        Some(grid) => one_by_one::<_, 3>(Woodcock::<true>::new(plan, grid), plan, connections, field, control),
-        None => one_by_one::<_, 3>(march::<true>(plan), plan, connections, field, control),
+        Some(grid) => one_by_one::<_, 3>(Woodcock::<true>::new(plan, grid), rays, connections, field, control, taken),
+        None => one_by_one::<_, 3>(march::<true>(plan), rays, connections, field, control, taken),
     }
 }
 
@@ -156,94 +266,108 @@ fn march<'a, const CHROMATIC: bool>(plan: &Plan<'a>) -> March<'a, CHROMATIC> {
 
 fn one_by_one<'a, T: track::Tracker<C>, const C: usize>(
     tracker: T,
-    plan: &'a Plan<'a>,
+    rays: &'a Rays,
     connections: &'a Connections<'a>,
-    field: &Field,
+    field: &'a Field,
     control: &Control,
-) -> Result<Outcome> {
-    let medium = &plan.scene.medium;
+    taken: Option<Taken>,
+) -> Ended {
+    let medium = &rays.plan.scene.medium;
     let emission = medium.emission.as_ref();
     let fields = |glow: &Emission<'a>| (0..glow.channels()).map(|c| glow.field(c, &medium.volume)).collect();
     let emission = emission.map_or_else(Vec::new, fields);
     let density = Field::density(&medium.volume);
-    let tracer = OneByOne { tracker, connections, medium: Medium::new(plan), density, emission };
-    passes::<C>(plan, &tracer, connections, field, control)
+    let tracer = OneByOne { tracker, connections, medium: Medium::new(rays.plan), density, emission };
+    passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control, taken)
+}
+
+/// View rays taken by all threads.
+struct OnThreads<'a, T> {
+    rays: &'a Rays<'a>,
+    tracer: T,
+    field: &'a Field<'a>,
+    enough: f32,
+}
+
+impl<'a, T> OnThreads<'a, T> {
+    fn new(rays: &'a Rays<'a>, tracer: T, connections: &Connections, field: &'a Field<'a>) -> Self {
+        let least = connections.extinction.iter().copied().fold(f32::INFINITY, f32::min);
+        OnThreads { rays, tracer, field, enough: 40.0 / least }
+    }
+}
+
+impl<T: Tracer<C>, const C: usize> Passes<C> for OnThreads<'_, T> {
+    fn take(&self, numbers: Range<u64>, sums: &mut [Sums<C>], halted: &(dyn Fn() -> bool + Sync)) -> Result<u64> {
+        let Rays { plan, paths, window, images } = self.rays;
+        let count = (numbers.end - numbers.start) as usize;
+        let tile = (JOB / count).max(1);
+        let collisions = AtomicU64::new(0);
+        sums.par_chunks_mut(tile).enumerate().for_each_init(Vec::new, |seen, (at, sums)| {
+            if halted() {
+                return;
+            }
+            let first = at * tile;
+            let job = Job {
+                plan,
+                field: self.field,
+                enough: self.enough,
+                window: *window,
+                images,
+                starts: paths.starts,
+                walked: paths.walked,
+                pixels: first..first + sums.len(),
+                rays: numbers.clone(),
+            };
+            seen.clear();
+            seen.resize(sums.len() * count, Seen { share: 0.0, one: [0.0; C], more: [0.0; C] });
+            collisions.fetch_add(self.tracer.trace(&job, seen, &halted), Relaxed);
+            for (sum, rays) in sums.iter_mut().zip(seen.chunks(count)) {
+                for ray in rays {
+                    let [one, more] = [ray.one, ray.more].map(|x| x.map(|x| x * f64::from(ray.share)));
+                    sum.add(one, more);
+                }
+            }
+        });
+        Ok(collisions.into_inner())
+    }
 }
 
 /// Takes pass after pass until the plan, the target, the clock or the user says stop.
-fn passes<const C: usize>(
-    plan: &Plan,
-    tracer: &impl Tracer<C>,
-    connections: &Connections,
-    field: &Field,
-    control: &Control,
-) -> Result<Outcome> {
-    let Some(paths) = &plan.paths else { return Err(Error::Internal("the plan has no paths".into())) };
+fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control, taken: Option<Taken>) -> Ended {
+    let Rays { plan, paths, .. } = *rays;
     let [width, height] = plan.scene.camera.resolution;
-    let mut sums = vec![Sums::<C> { one: [0.0; C], all: [0.0; C], square: [0.0; C] }; width * height];
-    let images: Vec<[f64; 2]> = plan
-        .scene
-        .lights
-        .iter()
-        .filter_map(|light| match light {
-            Light::Point { position, .. } if !connections.near.is_empty() => plan.scene.camera.project(*position),
-            _ => None,
-        })
-        .collect();
-    let volume = &plan.scene.medium.volume;
-    let window = plan.scene.camera.window(volume.world([0.0; 3]), volume.size());
-    let least = connections.extinction.iter().copied().fold(f32::INFINITY, f32::min);
-    let job = |pixels: Range<usize>, rays: Range<u64>| Job {
-        plan,
-        field,
-        enough: 40.0 / least,
-        window,
-        images: &images,
-        starts: paths.starts,
-        walked: paths.walked,
-        pixels,
-        rays,
-    };
+    let mut sums = vec![Sums::<C>::default(); width * height];
     let dark = plan.orders == 0 || plan.scene.medium.max_albedo() == 0.0 || plan.scene.medium.max_sigma_t() == 0.0;
     let mut stopped = Stopped::Photons;
     let mut glow = None;
-    let collisions = AtomicU64::new(0);
+    let mut lost = None;
+    let mut collisions = 0;
     let mut done = 0u64;
     let mut goal = paths.rays.unwrap_or(if plan.target_error.is_some() { ROUND } else { u64::MAX });
     if dark {
         (done, goal) = (1, 0);
     }
+    if let Some(taken) = taken {
+        (done, goal, collisions) = (taken.done, taken.goal, taken.collisions);
+        sums = taken.sums.chunks_exact(3 * C).map(Sums::from_slice).collect();
+    }
     'run: loop {
         while done < goal {
-            let rays = done..(done + paths.pass).min(goal);
-            let count = (rays.end - rays.start) as usize;
+            let numbers = done..(done + taker.rays(paths.pass)).min(goal);
             // Two rays make an error bar: until then the clock does not cut a pass short.
             let urgent = done >= 2;
             let halted = || control.stopped() || (urgent && control.late());
-            let tile = (JOB / count).max(1);
-            let before = if urgent { sums.clone() } else { Vec::new() };
-            sums.par_chunks_mut(tile).enumerate().for_each_init(Vec::new, |seen, (at, sums)| {
-                if halted() {
-                    return;
+            let before = if done > 0 { sums.clone() } else { Vec::new() };
+            match taker.take(numbers.clone(), &mut sums, &halted) {
+                Err(why @ Error::DeviceLost(_)) if done > 0 => {
+                    let flat = before.iter().flat_map(Sums::values).collect();
+                    lost = Some((why, Taken { sums: flat, done, goal, collisions }));
+                    sums = before;
+                    stopped = Stopped::DeviceLost;
+                    break 'run;
                 }
-                let first = at * tile;
-                let dark = Seen { share: 0.0, one: [0.0; C], more: [0.0; C] };
-                seen.clear();
-                seen.resize(sums.len() * count, dark);
-                let met = tracer.trace(&job(first..first + sums.len(), rays.clone()), seen, &halted);
-                collisions.fetch_add(met, Relaxed);
-                for (sum, rays) in sums.iter_mut().zip(seen.chunks(count)) {
-                    for ray in rays {
-                        for c in 0..C {
-                            let [one, more] = [ray.one[c], ray.more[c]].map(|x| x * f64::from(ray.share));
-                            let all = one + more;
-                            sum.one[c] += one;
-                            sum.all[c] += all;
-                            sum.square[c] += all * all;
-                        }
-                    }
-                }
-            });
+                met => collisions += met?,
+            }
             if control.stopped() {
                 return Err(Error::Interrupted);
             }
@@ -252,7 +376,7 @@ fn passes<const C: usize>(
                 stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
                 break 'run;
             }
-            done = rays.end;
+            done = numbers.end;
             let scale = if paths.rays.is_none() && goal == ROUND { 0.1 } else { 1.0 };
             let part = if goal == u64::MAX { 0.0 } else { scale * done as f64 / goal as f64 };
             control.report(part.max(control.time_fraction()), done * paths.starts * (width * height) as u64);
@@ -283,15 +407,16 @@ fn passes<const C: usize>(
     if taken > 0 && done == 1 {
         warnings.push("one view ray a pixel only: standard errors are not known (infinite)".into());
     }
-    Ok(Outcome {
+    let outcome = Outcome {
         pixels: Some(estimate(&sums, done)),
         photons: taken,
-        collisions: collisions.into_inner(),
+        collisions,
         batches: done,
         stopped,
         warnings,
         ..Outcome::default()
-    })
+    };
+    Ok((outcome, lost))
 }
 
 /// What the medium emits and is seen directly, which a target error counts in; `None` where it does not emit.
