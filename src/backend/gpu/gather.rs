@@ -9,6 +9,7 @@ use super::glow::Glow;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
 use super::map::Maps;
+use super::pace::{self, ITERATIONS};
 use super::scene::{GpuScene, Texture};
 use crate::backend::cpu::gather::{Backdrop, Image, Volumes, rays_per_axis};
 use crate::backend::cpu::light::Illumination;
@@ -20,6 +21,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// `View` of `shaders/camera.wgsl`.
 #[repr(C)]
@@ -168,8 +170,6 @@ impl Cut {
     }
 }
 
-/// Loop iterations that an invocation may make at most.
-const ITERATIONS: usize = 60_000;
 /// Iterations of a step without long light rays: those next to a point light are eight, and short.
 const SHORT: usize = 512;
 /// Iterations in a cell that emits, and what one costs in cells.
@@ -403,7 +403,8 @@ impl<'a> Pass<'a> {
         let rays = numbers.len() * batch.samples * batch.samples;
         // Two nodes of a step, and a few lookups in their place where the light grid is read.
         let cost = (2 * self.light_ray).max(4);
-        let steps = (cut.cells / (rays * cost)).min(ITERATIONS / (2 * self.light_ray + SHORT)).max(1);
+        let most = (ITERATIONS as usize / (2 * self.light_ray + SHORT)).max(1);
+        let steps = (cut.cells / (rays * cost)).clamp(1, most);
         let finer = self.backdrop.as_ref().map_or(1, |backdrop| backdrop.samples(self.camera).div_ceil(batch.samples));
         let mut job = Job {
             rays: rays as u32,
@@ -418,22 +419,23 @@ impl<'a> Pass<'a> {
             sky: self.backdrop.as_ref().map_or([0.0; 3], |backdrop| backdrop.constant),
             spare: 0,
         };
-        self.finish(gpu, &self.walk, &bindings, job, stop)?;
+        self.finish(gpu, &self.walk, &bindings, (job, most as u32), stop)?;
         if let Some((_, kernel)) = &self.glow {
-            job.steps = (cut.cells / (rays * GLOW_COST)).clamp(1, ITERATIONS / GLOW_ITERATIONS) as u32;
-            self.finish(gpu, kernel, &bindings, job, stop)?;
+            let most = ITERATIONS as usize / GLOW_ITERATIONS;
+            job.steps = (cut.cells / (rays * GLOW_COST)).clamp(1, most) as u32;
+            self.finish(gpu, kernel, &bindings, (job, most as u32), stop)?;
         }
         gpu.run(&self.mean, &bindings, numbers.len() as u64)?;
         gpu.read(&self.means, numbers.len())
     }
 
-    /// Runs a kernel until all of its rays have ended.
+    /// Runs a kernel, at most so many steps at once, until all of its rays have ended.
     fn finish(
         &self,
         gpu: &Gpu,
         kernel: &Kernel,
         bindings: &[(&str, Binding)],
-        mut job: Job,
+        (mut job, most): (Job, u32),
         stop: &(impl Fn() -> bool + Sync),
     ) -> Result<()> {
         loop {
@@ -442,11 +444,13 @@ impl<'a> Pass<'a> {
             }
             gpu.write(&self.job, 0, &[job]);
             gpu.write(&self.busy, 0, &[0u32]);
+            let began = Instant::now();
             gpu.run(kernel, bindings, u64::from(job.rays))?;
             if gpu.read::<u32>(&self.busy, 1)? == [0] {
                 return Ok(());
             }
             job.begin = 0;
+            job.steps = pace::next(job.steps, began, most);
         }
     }
 }

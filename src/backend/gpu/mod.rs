@@ -13,6 +13,7 @@ pub mod glow;
 pub mod kernel;
 pub mod lights;
 pub mod map;
+mod pace;
 pub mod path;
 pub mod probe;
 pub mod scene;

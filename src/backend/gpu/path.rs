@@ -6,6 +6,7 @@ use super::glow::Glow;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
 use super::map::Maps;
+use super::pace::{self, ITERATIONS};
 use super::scene::GpuScene;
 use super::tracker::Track;
 use crate::backend::cpu::flights::{Course, Scored};
@@ -63,12 +64,6 @@ const RAYS: usize = 1 << 19;
 const SLOTS: [u32; 2] = [1 << 16, 1 << 12];
 /// View rays that each slot of a GPU takes in a pass, about.
 const RAYS_OF_SLOT: u64 = 8;
-/// Seconds of a dispatch, about: no desktop freezes, and Ctrl-C is heard.
-const DISPATCH: f64 = 0.05;
-/// Loop iterations of an invocation in one dispatch: a software adapter silently ends all loops after 65,535 of them.
-const ITERATIONS: u32 = 60_000;
-/// Cells of majorants that a flight crosses without a pause.
-const CELLS: u32 = 32;
 /// Tentative collisions of a path before it collides.
 const TENTATIVES: u32 = 8;
 /// Collisions of a path before the next path may begin, at most.
@@ -104,11 +99,10 @@ struct Pace {
 }
 
 impl Pace {
-    /// What takes about as long as a dispatch should, after one took the given seconds.
-    fn after(self, seconds: f64, slots: u32, most: u32) -> Self {
-        let factor = (DISPATCH / seconds).clamp(0.5, 2.0);
-        let steps = ((f64::from(self.steps) * factor) as u32).clamp(1, most);
-        match factor < 1.0 {
+    /// What takes about as long as a dispatch should, after one took since `began`.
+    fn after(self, began: Instant, slots: u32, most: u32) -> Self {
+        let steps = pace::next(self.steps, began, most);
+        match pace::factor(began) < 1.0 {
             true if self.steps == 1 => Pace { width: (self.width / 2).max(GROUP), ..self },
             false if self.width < slots => Pace { width: (2 * self.width).min(slots), ..self },
             _ => Pace { steps, ..self },
@@ -122,11 +116,11 @@ impl<'a> Paths<'a> {
         let Rays { plan, paths, window, images } = rays;
         let medium = &plan.scene.medium;
         let mut scene = GpuScene::new(gpu, plan.scene, plan.channels)?;
-        let track = if plan.lanes { by_events(plan, &mut scene, gpu) } else { Track::new(plan) };
+        let track = flights(plan);
         scene.update(gpu, |constants| {
             constants.seed = split(plan.settings.seed);
             constants.last = plan.orders;
-            (constants.block, constants.cells) = (track.block, track.cells);
+            (constants.free_path, constants.block, constants.cells) = (track.free_path, track.block, track.cells);
         });
         let far = connections.far.iter().map(|light| (&light.view, light.check));
         let lights = Lights::new(gpu, far.chain(connections.near.iter().map(|view| (view, 1.0))))?;
@@ -212,7 +206,7 @@ impl<'a> Paths<'a> {
                 self.gpu.write(&self.job, 0, &[Job { steps: pace.steps, slot, end, ..*job }]);
                 let began = Instant::now();
                 self.gpu.run(&self.kernel, &bindings, u64::from(end - slot))?;
-                pace = pace.after(began.elapsed().as_secs_f64(), self.common.slots, self.most);
+                pace = pace.after(began, self.common.slots, self.most);
                 slot = end;
             }
             let counters = self.gpu.read::<u32>(&self.counters, 2)?;
@@ -272,27 +266,19 @@ impl<const C: usize> Passes<C> for Paths<'_> {
     }
 }
 
-/// Null-collision flights, event by event.
-fn by_events(plan: &Plan, scene: &mut GpuScene, gpu: &Gpu) -> Track {
-    let course = Course::new(plan, Scored::Nowhere, PATH);
-    let isotropic = plan.scene.medium.phase.is_isotropic();
-    scene.update(gpu, |constants| constants.free_path = course.free_path());
-    let (block, cells, majorants) = course.majorants().unwrap_or((1.0, [1; 3], &[]));
-    let tentatives = if course.certain { 1 } else { TENTATIVES };
-    Track {
-        files: vec![
-            "flights",
-            "weights_grey",
-            if majorants.is_empty() { "flights_one" } else { "flights_cells" },
-            if isotropic { "turn_isotropic" } else { "turn_phase" },
-            if course.certain { "accept_all" } else { "accept_some" },
-        ],
-        constants: vec![("TENTATIVES", f64::from(tentatives)), ("CELLS", f64::from(CELLS))],
-        block: block as i32,
-        cells,
-        iterations: tentatives * (1 + if majorants.is_empty() { 0 } else { CELLS }),
-        majorants: majorants.to_vec(),
-    }
+/// The flights of a plan, of which a path makes some between two collisions.
+fn flights(plan: &Plan) -> Track {
+    let (mut track, tentatives) = if plan.lanes {
+        let course = Course::new(plan, Scored::Nowhere, PATH);
+        let mut track = Track::by_events(&course);
+        track.files.push("weights_grey");
+        (track, if course.certain { 1 } else { TENTATIVES })
+    } else {
+        (Track::new(plan, 0), 1)
+    };
+    track.constants.push(("TENTATIVES", f64::from(tentatives)));
+    track.iterations *= tentatives;
+    track
 }
 
 /// The shader files of a plan, apart from those of its flights.

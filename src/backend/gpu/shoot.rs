@@ -3,39 +3,33 @@
 use super::device::Gpu;
 use super::emit::Start;
 use super::kernel::{Binding, Kernel, Source};
+use super::pace::{self, ITERATIONS};
 use super::scene::{self, GpuScene};
 use super::tally::Tally;
+use super::tracker::Track;
 use crate::backend::Control;
 use crate::backend::cpu::emit::Emitter;
 use crate::backend::cpu::flights::{Course, Scored};
 use crate::backend::cpu::shoot::{Energies, allot};
-use crate::backend::cpu::track::Woodcock;
 use crate::backend::run::Shooter;
 use crate::backend::shot::bin_unit;
 use crate::error::{Error, Result};
 use crate::physics::harmonics::count;
-use crate::plan::{Plan, Score, Tracker};
+use crate::plan::Plan;
 use crate::result::Share;
 use crate::tally::Bins;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Seconds of a dispatch, about: no desktop freezes, and Ctrl-C is heard.
-const DISPATCH: f64 = 0.05;
-/// Loop iterations of an invocation in one dispatch: a software adapter silently ends all loops after 65,535 of them.
-const ITERATIONS: u32 = 60_000;
 /// Photons under way at once.
 const SLOTS: u32 = 1 << 17;
 /// The same where a processor plays the GPU.
 const SOFTWARE_SLOTS: u32 = 1 << 12;
-/// Cells of majorants that a flight crosses without a pause.
-const CELLS: u32 = 32;
 /// Events of a photon before slots whose photons have ended take their next ones.
 const EVENTS: u32 = 16;
-/// The same in flights, where photons are walked one by one; and the steps of a flight before it pauses.
+/// The same in flights, where photons are walked one by one.
 const FLIGHTS: u32 = 4;
-const STEPS: u32 = 64;
 
 /// `COPIES` and so on of `shaders/counters.wgsl`.
 const COPIES: usize = 64;
@@ -107,7 +101,7 @@ impl<'a> Shooting<'a> {
     /// The same; the fates of the first `watched` photons of an emitter are kept.
     pub fn watching(gpu: &'a Gpu, plan: &'a Plan<'a>, emitters: &[Emitter], watched: usize) -> Result<Self> {
         let mut on_gpu = GpuScene::new(gpu, plan.scene, plan.channels)?;
-        let flights = Flights::new(plan);
+        let (flights, events, iterations) = flights(plan);
         on_gpu.update(gpu, |constants| {
             scene::of_plan(plan, constants);
             (constants.free_path, constants.block, constants.cells) = (flights.free_path, flights.block, flights.cells);
@@ -120,7 +114,7 @@ impl<'a> Shooting<'a> {
             let start = Start::new(gpu, plan.scene, emitter)?;
             let source = source(plan, &on_gpu, &flights, &start, &widths, watched > 0);
             let source = Tally::layout(gpu, total, source);
-            let round = 1 + start.iterations + 2 * plan.channels as u32 + flights.events * flights.iterations;
+            let round = 1 + start.iterations + 2 * plan.channels as u32 + events * iterations;
             let limit = ITERATIONS / round;
             ready.push((start, gpu.kernel(source)?, limit.max(1)));
         }
@@ -176,8 +170,7 @@ impl<'a> Shooting<'a> {
             if self.finished()? - before >= photons {
                 return Ok(true);
             }
-            let factor = (DISPATCH / began.elapsed().as_secs_f64()).clamp(0.5, 2.0);
-            self.rounds = ((f64::from(rounds) * factor) as u32).clamp(1, ITERATIONS);
+            self.rounds = pace::next(rounds, began, ITERATIONS);
         }
     }
 
@@ -245,108 +238,26 @@ impl Shooter for Shooting<'_> {
     }
 }
 
-/// What flights run through: majorants, and the shader files of a tracker.
-struct Flights {
-    /// The shader that walks photons, and those of its flights.
-    files: Vec<&'static str>,
-    constants: Vec<(&'static str, f64)>,
-    majorants: Vec<f32>,
-    scores: Vec<u32>,
-    /// Voxels per majorant cell and axis, and cells along x, y, z.
-    block: i32,
-    cells: [i32; 3],
-    free_path: f32,
-    /// Events of a round, and loop iterations that each takes at most.
-    events: u32,
-    iterations: u32,
-}
-
-impl Flights {
-    /// Those of a plan.
-    fn new(plan: &Plan) -> Self {
-        let channels = plan.channels as u32;
-        let score = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
-        if plan.lanes { Self::by_events(plan, score + channels) } else { Self::one_by_one(plan, score) }
-    }
-
-    /// The walk that lanes take.
-    fn by_events(plan: &Plan, score: u32) -> Self {
+/// The flights of a plan, with the shader that walks photons; events of a round, and loop iterations that each may take.
+fn flights(plan: &Plan) -> (Track, u32, u32) {
+    let channels = plan.channels as u32;
+    let score = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
+    let (mut track, files, events) = if plan.lanes {
         let voxels = plan.settings.fluence || plan.settings.radiance;
-        let course = Course::new(plan, if voxels { Scored::Everywhere } else { Scored::ForImages }, 0);
-        let isotropic = plan.scene.medium.phase.is_isotropic();
-        let mut files = vec!["shoot", "flights"];
-        files.push(if course.majorants().is_some() { "flights_cells" } else { "flights_one" });
-        files.push(if isotropic { "turn_isotropic" } else { "turn_phase" });
-        files.push(if course.certain { "accept_all" } else { "accept_some" });
-        let (block, cells, majorants) = course.majorants().unwrap_or((1.0, [1; 3], &[]));
-        Flights {
-            files,
-            constants: vec![("EVENTS", f64::from(EVENTS)), ("CELLS", f64::from(CELLS))],
-            block: block as i32,
-            cells,
-            free_path: course.free_path(),
-            events: EVENTS,
-            iterations: 1 + score + if majorants.is_empty() { 0 } else { CELLS },
-            majorants: majorants.to_vec(),
-            scores: Vec::new(),
-        }
-    }
-
-    /// The walk of one photon after the other.
-    fn one_by_one(plan: &Plan, score: u32) -> Self {
-        let volume = &plan.scene.medium.volume;
-        let across = volume.n().iter().sum::<usize>() as u32;
-        let mut files = vec!["shoot_one", "way"];
-        files.extend(if plan.chromatic {
-            ["weights_chromatic", "store_chromatic"]
-        } else {
-            ["weights_grey", "store_grey"]
-        });
-        files.push(if plan.layers.is_empty() { "score_nothing" } else { "score_deposit" });
-        let mut constants = vec![("EVENTS", f64::from(FLIGHTS)), ("STEPS", f64::from(STEPS)), ("APART", 1.0)];
-        let mut flights = Flights {
-            files: Vec::new(),
-            constants: Vec::new(),
-            majorants: Vec::new(),
-            scores: Vec::new(),
-            block: 1,
-            cells: [1; 3],
-            free_path: 0.0,
-            events: FLIGHTS,
-            iterations: STEPS * (1 + score),
-        };
-        match (plan.tracker, &plan.majorant) {
-            (Tracker::Woodcock, Some(grid)) => {
-                let tracker = Woodcock::<false>::new(plan, grid);
-                files.push("tracker_woodcock");
-                flights.scores = tracker.score.iter().map(|&score| score as u32).collect();
-                flights.majorants = tracker.majorant;
-                (flights.block, flights.cells) = (tracker.block, tracker.cells);
-                flights.iterations += across * (1 + score);
-            }
-            (Tracker::Analytic, _) => {
-                files.push("tracker_analytic");
-                let score_of = if plan.layers.is_empty() { 0 } else { 1 + u32::from(plan.score == Score::Track) };
-                constants.push(("SCORE", f64::from(score_of)));
-                flights.iterations += across * (1 + score);
-            }
-            _ => {
-                files.push("tracker_march");
-                files.push(if volume.is_constant() { "march_constant" } else { "march_voxels" });
-                let linear = volume.linear() && !volume.is_constant();
-                files.push(if linear { "march_linear" } else { "march_nearest" });
-                constants.push(("PARTS", if volume.linear() { 2.0 } else { 1.0 }));
-                constants.push(("SCORES", f64::from(u8::from(!plan.layers.is_empty()))));
-                flights.iterations += 24;
-            }
-        }
-        (flights.files, flights.constants) = (files, constants);
-        flights
-    }
+        let scored = if voxels { Scored::Everywhere } else { Scored::ForImages };
+        (Track::by_events(&Course::new(plan, scored, 0)), vec!["shoot"], EVENTS)
+    } else {
+        let store = if plan.chromatic { "store_chromatic" } else { "store_grey" };
+        (Track::new(plan, if plan.layers.is_empty() { 0 } else { score }), vec!["shoot_one", store], FLIGHTS)
+    };
+    track.files.splice(0..0, files);
+    track.constants.extend([("EVENTS", f64::from(events)), ("APART", f64::from(u8::from(!plan.lanes)))]);
+    let iterations = track.iterations + score + channels;
+    (track, events, iterations)
 }
 
 /// The kernel of an emitter.
-fn source(plan: &Plan, scene: &GpuScene, flights: &Flights, start: &Start, widths: &[u64], watched: bool) -> Source {
+fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, widths: &[u64], watched: bool) -> Source {
     let mut files = flights.files.clone();
     files.extend([
         "flight_state",

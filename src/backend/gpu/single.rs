@@ -3,6 +3,7 @@
 use super::device::Gpu;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
+use super::pace;
 use super::scene::GpuScene;
 use crate::backend::Control;
 use crate::backend::cpu::light::{Illumination, PIECES, Quadrature, Source, is_next_to};
@@ -13,6 +14,7 @@ use bytemuck::{Pod, Zeroable};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// `Job` of `shaders/single.wgsl`.
 #[repr(C)]
@@ -173,9 +175,10 @@ impl<'a> Quadratures<'a> {
             ("means", &self.means),
         ];
         bindings.extend(own.map(|(name, buffer)| (name, Binding::Buffer(buffer))));
-        let most = (self.cells / (count * light.cells)).min(CELLS_OF_ONE / light.cells).max(1);
-        let all = light.points.pow(3);
-        for from in (0..all).step_by(most) {
+        let limit = (CELLS_OF_ONE / light.cells).max(1) as u32;
+        let mut most = ((self.cells / (count * light.cells)) as u32).clamp(1, limit);
+        let (mut from, all) = (0, light.points.pow(3) as u32);
+        while from < all {
             if control.stopped() {
                 return Err(Error::Interrupted);
             }
@@ -184,16 +187,19 @@ impl<'a> Quadratures<'a> {
                 count: count as u32,
                 points: light.points as u32,
                 rays: u32::from(light.rays),
-                most: most as u32,
+                most,
                 begins: u32::from(from == 0),
                 reach: light.reach,
                 side: self.side,
             };
             gpu.write(&self.job, 0, &[job]);
             gpu.clear(&self.unfinished);
+            let began = Instant::now();
             gpu.run(&self.kernel, &bindings, count as u64)?;
+            from += most;
+            most = pace::next(most, began, limit);
             // Few voxels need as many points as the densest.
-            if from + most < all && gpu.read::<u32>(&self.unfinished, 1)?[0] == 0 {
+            if from < all && gpu.read::<u32>(&self.unfinished, 1)?[0] == 0 {
                 break;
             }
         }

@@ -1,12 +1,15 @@
-//! Flights of one path after the other on the GPU: the shader files of a tracker, and what they read.
+//! Flights on the GPU: the shader files that a plan's need, and what these read.
 
+use crate::backend::cpu::flights::Course;
 use crate::backend::cpu::track::Woodcock;
-use crate::plan::{Plan, Tracker};
+use crate::plan::{Plan, Score, Tracker};
 
 /// Steps of a flight before it pauses.
 const STEPS: u32 = 64;
+/// Cells of majorants that a flight crosses before it pauses.
+const CELLS: u32 = 32;
 
-/// A tracker whose flights leave nothing behind.
+/// How flights are sampled.
 pub struct Track {
     /// Shader files.
     pub files: Vec<&'static str>,
@@ -14,35 +17,72 @@ pub struct Track {
     pub constants: Vec<(&'static str, f64)>,
     /// Majorants of cells, already times the largest extinction.
     pub majorants: Vec<f32>,
-    /// Voxels per majorant cell and axis, and cells along x, y, z.
+    /// How each cell scores.
+    pub scores: Vec<u32>,
+    /// Voxels per majorant cell and axis.
     pub block: i32,
     /// Cells along x, y, z.
     pub cells: [i32; 3],
-    /// Loop iterations that a flight takes at most before it pauses.
+    /// 1 / majorant, where there is one [length].
+    pub free_path: f32,
+    /// Loop iterations that a flight, or an event of one, takes at most before it pauses.
     pub iterations: u32,
 }
 
 impl Track {
-    /// That of a plan.
-    pub fn new(plan: &Plan) -> Self {
+    /// Null-collision flights, event by event.
+    pub fn by_events(course: &Course) -> Self {
+        let (block, cells, majorants) = course.majorants().unwrap_or((1.0, [1; 3], &[]));
+        let files = vec![
+            "flights",
+            if majorants.is_empty() { "flights_one" } else { "flights_cells" },
+            if course.phase.is_isotropic() { "turn_isotropic" } else { "turn_phase" },
+            if course.certain { "accept_all" } else { "accept_some" },
+        ];
+        Track {
+            files,
+            constants: vec![("CELLS", f64::from(CELLS))],
+            majorants: majorants.to_vec(),
+            scores: Vec::new(),
+            block: block as i32,
+            cells,
+            free_path: course.free_path(),
+            iterations: 1 + if majorants.is_empty() { 0 } else { CELLS },
+        }
+    }
+
+    /// Flights of one photon or path after the other, by any tracker; `score` are the loop iterations of a score, 0 where flights leave nothing behind.
+    pub fn new(plan: &Plan, score: u32) -> Self {
         let volume = &plan.scene.medium.volume;
+        let scores = score > 0;
         let weights = if plan.chromatic { "weights_chromatic" } else { "weights_grey" };
         let mut track = Track {
-            files: vec!["way", "score_nothing", weights],
-            constants: vec![("STEPS", f64::from(STEPS)), ("SCORE", 0.0), ("SCORES", 0.0), ("TENTATIVES", 1.0)],
+            files: vec!["way", if scores { "score_deposit" } else { "score_nothing" }, weights],
+            constants: vec![("STEPS", f64::from(STEPS)), ("SCORES", f64::from(u8::from(scores)))],
             majorants: Vec::new(),
+            scores: Vec::new(),
             block: 1,
             cells: [1; 3],
-            iterations: STEPS + 16,
+            free_path: 0.0,
+            iterations: STEPS * (1 + score) + 16,
         };
+        // A flight may score in every voxel that it crosses.
+        let line = if scores { volume.n().iter().sum::<usize>() as u32 * (1 + score) } else { 0 };
         match (plan.tracker, &plan.majorant) {
             (Tracker::Woodcock, Some(grid)) => {
                 let tracker = Woodcock::<false>::new(plan, grid);
                 track.files.push("tracker_woodcock");
+                track.scores = tracker.score.iter().map(|&score| score as u32).collect();
                 track.majorants = tracker.majorant;
                 (track.block, track.cells) = (tracker.block, tracker.cells);
+                track.iterations += line;
             }
-            (Tracker::Analytic, _) => track.files.push("tracker_analytic"),
+            (Tracker::Analytic, _) => {
+                track.files.push("tracker_analytic");
+                let how = if scores { 1 + u32::from(plan.score == Score::Track) } else { 0 };
+                track.constants.push(("SCORE", f64::from(how)));
+                track.iterations += line;
+            }
             _ => {
                 let linear = volume.linear() && !volume.is_constant();
                 track.files.push("tracker_march");

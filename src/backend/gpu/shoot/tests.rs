@@ -3,12 +3,12 @@
 use super::*;
 use crate::backend::cpu::lanes::Laned;
 use crate::backend::cpu::shoot::{Engine, OneByOne, Task, Walk};
-use crate::backend::cpu::track::{Analytic, March};
+use crate::backend::cpu::track::{Analytic, March, Woodcock};
 use crate::backend::gpu::adapter;
 use crate::backend::gpu::device::for_tests;
 use crate::backend::run::{illuminations, light_grids};
 use crate::physics::Phase;
-use crate::plan::{Method, Settings, Simd};
+use crate::plan::{Method, Settings, Simd, Tracker};
 use crate::result::EXIT_FACES;
 use crate::scene::environment::Map;
 use crate::scene::field::{Field, Occupancy};
