@@ -3,6 +3,7 @@
 from typing import Any
 
 from . import _mcrt
+from ._device import look_quietly
 from ._errors import McrtError
 
 
@@ -12,6 +13,7 @@ def show_info() -> None:
     Of each adapter: name; kind and driver; the largest buffer and what of it a kernel may see at
     once; the largest volume. Then what ``backend="auto"`` and ``backend="gpu"`` take.
     """
+    look_quietly()
     info = _mcrt.info()
     _show("mcrt", info["version"])
     _show("CPU lanes", info["simd"])

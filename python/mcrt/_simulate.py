@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _mcrt
 from ._arguments import channels, choice, flag, integer, not_yet, positive, wrong
+from ._device import backend
 from ._errors import DeviceLostError, SceneError
 from ._medium import Medium, emission_planes
 from ._progress import reporting
@@ -242,7 +243,7 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "target_error": optional("target_error", positive),
         "time_limit": optional("time_limit", positive),
         "max_scatterings": optional("max_scatterings", integer, 0, 2**31 - 1),
-        "backend": _backend(arguments["backend"]),
+        "backend": backend(arguments["backend"]),
         "seed": integer("seed", arguments["seed"], 0, 2**64 - 1),
         "threads": optional("threads", integer, 1, 1024),
         "errors": flag("errors", arguments["errors"]),
@@ -251,15 +252,6 @@ def _settings(arguments: dict[str, Any]) -> dict[str, Any]:
         "over_voxels": arguments["camera"] is None,
         "simd": os.environ.get("MCRT_SIMD") or None,
     }
-
-
-def _backend(value: Any) -> str:
-    """What runs it; the Rust core looks for the adapter."""
-    if not isinstance(value, str):
-        raise wrong("backend", '"auto", "cpu", "gpu" or "gpu:NAME"', value)
-    if value == "auto":
-        return os.environ.get("MCRT_BACKEND") or "auto"
-    return value
 
 
 def _method_and_outputs(volume: Any, method: str, outputs: Any) -> tuple[str, tuple[str, ...]]:

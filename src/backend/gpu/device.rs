@@ -242,8 +242,12 @@ impl Gpu {
         staging.map_async(wgpu::MapMode::Read, .., |_| ());
         self.wait()?;
         let view = staging.get_mapped_range(..).map_err(|e| lost(e.to_string()))?;
-        // Bytes need not lie as the values do.
-        Ok(view[..size as usize].chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+        let bytes = &view[..size as usize];
+        Ok(match bytemuck::try_cast_slice(bytes) {
+            Ok(values) => values.to_vec(),
+            // Bytes need not lie as the values do.
+            Err(_) => bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect(),
+        })
     }
 }
 

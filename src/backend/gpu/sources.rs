@@ -292,10 +292,6 @@ pub fn kernels() -> Vec<Source> {
 
 /// The text of a file.
 pub fn read(name: &str) -> Result<String> {
-    if let Ok(folder) = std::env::var("MCRT_SHADERS") {
-        let path = std::path::Path::new(&folder).join(format!("{name}.wgsl"));
-        return std::fs::read_to_string(&path).map_err(|e| Error::Internal(format!("{}: {e}", path.display())));
-    }
     let found = ALL.iter().chain(TESTS).find(|(one, _)| *one == name);
     found.map(|(_, text)| (*text).to_string()).ok_or_else(|| Error::Internal(format!("there is no shader {name:?}")))
 }
