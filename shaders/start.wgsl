@@ -20,11 +20,11 @@ struct Emitter {
     // Parts of the light below which it enters through faces normal to x, and to x or y.
     below_x: vec2<u32>,
     below_y: vec2<u32>,
-    // Rows of the table, cells of each, its rows in a layer; 1 if depths are interpolated, or channels.
+    // Rows of the table, cells of each, its rows in a layer.
     rows: u32,
     width: u32,
     height: u32,
-    flag: u32,
+    spare: u32,
 }
 
 @group(0) @binding(10) var<uniform> emitter: Emitter;

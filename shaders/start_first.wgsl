@@ -2,6 +2,8 @@
 
 // Whether a start draws its place from a block of random words of its own.
 override APART: bool = false;
+// Whether depths are interpolated.
+override INTERPOLATED: bool = false;
 
 fn start(j: u32, f: ptr<function, Flight>) -> Start {
     var word = start_words(f);
@@ -18,7 +20,7 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
     let light = lights[0];
     let arriving = incident(light, p);
     var depth = 0.0;
-    if emitter.flag == 1u {
+    if INTERPOLATED {
         depth = rough_column(light, p, arriving);
     } else {
         depth = light_column(light, p, arriving);

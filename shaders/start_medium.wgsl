@@ -2,6 +2,8 @@
 
 // Whether the source term is linear between voxel centres.
 override HATS: bool = false;
+// Whether all channels emit the same.
+override GREY: bool = true;
 
 fn start(j: u32, f: ptr<function, Flight>) -> Start {
     let u = stratum(j, start_words(f).x);
@@ -20,7 +22,7 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
     p = clamp(p, vec3(0.0), vec3<f32>(scene.n));
     (*f).p = p;
     (*f).d = sphere(unit(word.x), unit(word.y));
-    if emitter.flag == 1u {
+    if GREY {
         return Start(FLIES, spectrum(emitter.colour));
     }
     let values = vec3(emission_at(0u, p), emission_at(1u, p), emission_at(2u, p));

@@ -1,5 +1,10 @@
-"""Shared set-up: libraries that need an environment, and small runs that many tests read."""
+"""Shared set-up: the backends, libraries that need an environment, small runs that many tests read.
 
+Every test runs on the CPU and on the GPU, which any adapter will do for, also one that a processor
+plays. The mark `cpu_only` says why one does not.
+"""
+
+import functools
 import glob
 import os
 
@@ -46,10 +51,67 @@ def run(volume=None, **arguments):
 
 
 @pytest.fixture(scope="session")
-def grey():
+def grey(backend):
     return run()
 
 
 @pytest.fixture(scope="session")
-def rgb():
+def rgb(backend):
     return run(albedo=(0.9, 0.6, 0.3))
+
+
+# ---------------------------------------------------------------------------------------- backends
+
+NO_ADAPTER = "no GPU adapter was found; mesa-vulkan-drivers holds one that any processor plays"
+
+
+@pytest.fixture(scope="session", params=["cpu", "gpu"], autouse=True)
+def backend(request):
+    """What "auto" means meanwhile. Without an adapter the GPU's tests are skipped, or fail if
+    MCRT_REQUIRE_GPU is set."""
+    if request.param == "gpu" and not mcrt._mcrt.info()["adapters"]:
+        (pytest.fail if os.environ.get("MCRT_REQUIRE_GPU") else pytest.skip)(NO_ADAPTER)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MCRT_BACKEND", request.param)
+        yield request.param
+
+
+def is_gpu(item):
+    return hasattr(item, "callspec") and item.callspec.params.get("backend") == "gpu"
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """The GPU's tests last, without those of the CPU alone."""
+    cpu_only = [item for item in items if is_gpu(item) and item.get_closest_marker("cpu_only")]
+    config.hook.pytest_deselected(items=cpu_only)
+    items[:] = sorted((item for item in items if item not in set(cpu_only)), key=is_gpu)
+
+
+def pytest_terminal_summary(terminalreporter):
+    skipped = [r for r in terminalreporter.getreports("skipped") if NO_ADAPTER in str(r.longrepr)]
+    if skipped:
+        text = f"{len(skipped)} TESTS OF THE GPU WERE SKIPPED: {NO_ADAPTER}"
+        terminalreporter.write_line(text, red=True, bold=True)
+
+
+def scaled(count):
+    """So many photons, samples or calls; a tenth of them on the GPU, which a processor may play.
+
+    What is compared with error bars stays as sharp as these are.
+    """
+    return count if os.environ["MCRT_BACKEND"] == "cpu" else max(round(count / 10), 1)
+
+
+def cached(function):
+    """`functools.cache`, by backend."""
+
+    @functools.cache
+    def found(backend, *arguments, **named):
+        return function(*arguments, **named)
+
+    @functools.wraps(function)
+    def call(*arguments, **named):
+        return found(os.environ["MCRT_BACKEND"], *arguments, **named)
+
+    return call

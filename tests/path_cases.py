@@ -4,6 +4,7 @@ import functools
 
 import mcrt
 import numpy as np
+import pytest
 import truth
 from scipy import stats
 from truth import Directional, Point, View
@@ -21,6 +22,13 @@ PHASES = {
 }
 ALMOST = np.ones((6, 8, 3), np.float32)
 ALMOST[0, 0] += 1e-6
+SCALAR = pytest.mark.cpu_only("lanes are the CPU's")
+SIMDS = ["", pytest.param("scalar", marks=SCALAR)]
+
+
+def ways(names):
+    """Names of scenes, of which those of the scalar walk are the CPU's."""
+    return [pytest.param(name, marks=SCALAR if "scalar" in name else ()) for name in names]
 
 
 def run(volume, **options):

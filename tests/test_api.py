@@ -59,22 +59,26 @@ def test_plan_takes_the_arguments_of_simulate(grey):
         mcrt.plan(density(), surprise=1)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 @pytest.mark.parametrize("dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "i8", "f2", "f4", "f8", "g"])
 def test_dtype_does_not_matter(dtype):
     values = (4.0 * density()).astype(np.uint8)
     np.testing.assert_array_equal(run(values.astype(dtype)).fluence, run(values).fluence)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_layout_does_not_matter(layout, grey):
     np.testing.assert_array_equal(run(LAYOUTS[layout](density())).fluence, grey.fluence)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_bool_is_zero_or_one():
     values = density() > 0.5
     np.testing.assert_array_equal(run(values).fluence, run(values.astype(np.float32)).fluence)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_integer_density_is_used_as_it_is():
     values = (255.0 * density()).astype(np.uint8)
     np.testing.assert_array_equal(
@@ -82,11 +86,13 @@ def test_integer_density_is_used_as_it_is():
     )
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_xarray_is_taken_as_array(grey):
     xarray = pytest.importorskip("xarray")
     np.testing.assert_array_equal(run(xarray.DataArray(density())).fluence, grey.fluence)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_the_input_is_copied_once_and_never_changed():
     values = density()
     medium = mcrt.Medium(values)
@@ -101,6 +107,7 @@ def test_medium_means_the_same_as_arguments(grey):
     np.testing.assert_array_equal(result.fluence, grey.fluence)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_from_opacity_inverts_the_exponential():
     alpha = np.linspace(0.0, 0.99, 24).reshape(2, 3, 4)
     medium = mcrt.Medium.from_opacity(alpha, 0.5, albedo=0.3)
@@ -130,6 +137,7 @@ def test_absorbed_is_sigma_a_times_fluence(grey):
     np.testing.assert_allclose(grey.absorbed_error, sigma_a * grey.fluence_error, rtol=1e-5)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 @pytest.mark.parametrize("photons", [4e3, np.int64(4000), np.float32(4000), np.array(4000)])
 def test_photons_take_any_integral_number(photons, grey):
     np.testing.assert_array_equal(run(photons=photons).fluence, grey.fluence)
@@ -290,6 +298,7 @@ def test_other_threads_go_on_while_it_runs():
     assert len(ticks) > 10
 
 
+@pytest.mark.cpu_only("phase functions are drawn from by themselves")
 @pytest.mark.parametrize("phase", PHASES, ids=lambda phase: type(phase).__name__)
 def test_phase_functions_integrate_to_one_and_are_sampled(phase):
     cosines = np.linspace(-1.0, 1.0, 20001)
@@ -301,6 +310,7 @@ def test_phase_functions_integrate_to_one_and_are_sampled(phase):
     assert phase.evaluate([[0.0, 0.5]]).shape == (1, 2)
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_records_are_normalised_frozen_and_comparable():
     light = mcrt.PointLight(np.array([1, 2, 3]), [1, 2, 3])
     assert light == mcrt.PointLight((1.0, 2.0, 3.0), (1.0, 2.0, 3.0))
@@ -316,6 +326,7 @@ def test_a_sequence_of_lights_adds_up():
     np.testing.assert_allclose(both, each, rtol=1e-4)
 
 
+@pytest.mark.cpu_only("simulates nothing")
 def test_cloud_is_a_cloud_in_empty_space():
     cloud = mcrt.datasets.cloud(64, seed=3)
     assert cloud.shape == (64, 64, 64)
@@ -327,6 +338,7 @@ def test_cloud_is_a_cloud_in_empty_space():
     np.testing.assert_array_equal(cloud, mcrt.datasets.cloud(64, seed=3))
 
 
+@pytest.mark.cpu_only("simulates nothing")
 def test_head_is_the_real_one():
     head = mcrt.datasets.mni_head()
     assert head.shape == (189, 233, 197)
@@ -335,6 +347,7 @@ def test_head_is_the_real_one():
     assert (head == 0.0).mean() == pytest.approx(0.7825, abs=1e-3)
 
 
+@pytest.mark.cpu_only("simulates nothing")
 def test_info_is_printed(capsys):
     mcrt.show_info()
     assert mcrt.__version__ in capsys.readouterr().out

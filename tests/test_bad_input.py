@@ -6,7 +6,7 @@ from functools import partial
 import mcrt
 import numpy as np
 import pytest
-from conftest import density, run
+from conftest import density, run, scaled
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -87,7 +87,8 @@ BAD_ARGUMENTS = [
     ({"method": "foton"}, 'method must be one of "auto", "single", "photon", "path"; got .foton'),
     ({"method": None}, "method must be one of"),
     ({"tracker": "delta"}, "tracker must be one of"),
-    ({"backend": "cuda"}, "backend must be one of"),
+    ({"backend": "cuda"}, '"cuda".*"gpu:NAME"'),
+    ({"backend": 1}, "backend must be"),
     ({"angular": "fine"}, "angular must be one of"),
     ({"angular": 9}, "angular"),
     ({"seed": -1}, "seed"),
@@ -120,7 +121,6 @@ BAD_ARGUMENTS = [
         'PencilBeam.*"photon"',
     ),
     ({"photoelectric": True}, "photoelectric is not yet available"),
-    ({"backend": "gpu"}, 'backend="gpu" is not yet available'),
     ({"tracker": "analytic"}, "analytic"),
 ]
 
@@ -169,6 +169,7 @@ BAD_RECORDS = [
 ]
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize("name", BAD_VOLUMES)
 def test_bad_volume_is_named(name):
     volume, message = BAD_VOLUMES[name]
@@ -176,6 +177,7 @@ def test_bad_volume_is_named(name):
         mcrt.simulate(volume, photons=1000)
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize(("arguments", "message"), BAD_ARGUMENTS, ids=lambda x: str(x)[:40])
 def test_bad_argument_is_named(arguments, message):
     for call in (mcrt.simulate, mcrt.plan):
@@ -185,12 +187,14 @@ def test_bad_argument_is_named(arguments, message):
             call(density(), **({"photons": 1000} | arguments))
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize(("make", "message"), BAD_RECORDS, ids=range(len(BAD_RECORDS)))
 def test_bad_record_is_rejected_where_it_is_made(make, message):
     with pytest.raises(mcrt.SceneError, match=message):
         make()
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize(
     "argument",
     [{"spacing": 1.0}, {"albedo": 0.9}, {"phase": mcrt.Isotropic()}, {"interpolation": "linear"}],
@@ -201,12 +205,14 @@ def test_nothing_is_given_twice(argument):
         mcrt.simulate(mcrt.Medium(density()), photons=1000, **argument)
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize("order", [2, True, "1", "2", -1, 1.5, [], np.ones(2)], ids=str)
 def test_unknown_order_is_named(order, grey):
     with pytest.raises(mcrt.SceneError, match="order must be"):
         grey.image(order=order)
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 def test_errors_are_of_the_documented_families():
     families = {
         mcrt.SceneError: ValueError,
@@ -377,10 +383,10 @@ def assert_finite(result, arguments):
 
 
 def test_any_call_gives_a_finite_result_or_an_mcrt_error():
-    seen = Counter()
+    seen, count = Counter(), scaled(2500)
 
     @settings(
-        max_examples=2500,
+        max_examples=count,
         deadline=None,
         derandomize=True,
         database=None,
@@ -400,5 +406,5 @@ def test_any_call_gives_a_finite_result_or_an_mcrt_error():
             seen["error"] += 1
 
     call()
-    assert seen.total() >= 2000
+    assert seen.total() >= 0.8 * count
     assert min(seen.values()) > 0.2 * seen.total(), seen

@@ -5,12 +5,11 @@ over what they test). 200 runs of 2000 photons, each compared with one long run 
 as many.
 """
 
-import functools
-
 import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import cached
 from scipy import stats
 
 SHAPE, SPACING = (3, 4, 5), (1.0, 0.8, 0.6)
@@ -36,7 +35,7 @@ def scene(kind, **options):
     return mcrt.simulate(density, **base | {"method": "photon"} | options)
 
 
-@functools.cache
+@cached
 def replicas(kind):
     """z-scores (seeds, values) of voxels and of pixels, and their degrees of freedom."""
     reference = scene(kind, photons=2e6, seed=10**6)

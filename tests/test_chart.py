@@ -10,6 +10,8 @@ from conftest import camera, density
 from mcrt import __main__ as command
 from mcrt import chart
 
+pytestmark = pytest.mark.cpu_only("a chart of the machine's speed")
+
 
 def test_chart_draws_every_method(tmp_path, monkeypatch, capsys):
     path = tmp_path / "chart.png"

@@ -374,6 +374,7 @@ def test_results_are_saved_and_merged(tmp_path, channels):
         a + run(cloud(), emission=2 * emission, photons=2e4, seed=2)
 
 
+@pytest.mark.cpu_only("a file of what other tests see")
 def test_exr_holds_the_emission(tmp_path):
     exr = pytest.importorskip("OpenEXR")
     result = run(cloud(), emission=0.5, photons=1000)

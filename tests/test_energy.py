@@ -3,13 +3,13 @@
 Fractions carry the bound sqrt(p (1 - p) / N) as their standard error.
 """
 
-import functools
 import itertools
 
 import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import cached
 from scipy import stats
 
 SHAPE, SPACING = (5, 6, 7), (1.0, 0.5, 0.7)
@@ -180,7 +180,7 @@ def test_more_light_escapes_by_the_face_with_less_medium_before_it():
 # ---- orders
 
 
-@functools.cache
+@cached
 def capped(n):
     return run(photons=2e5, max_scatterings=n, phase=mcrt.Isotropic(), seed=89)
 

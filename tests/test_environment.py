@@ -280,6 +280,7 @@ def test_parallel_rays_see_one_point_of_the_sky():
 # ----------------------------------------------------------------------------------------- records
 
 
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
 def test_maps_are_compared_by_value_and_kept():
     texels = sky()
     a, b = mcrt.EnvironmentLight(texels), mcrt.EnvironmentLight(texels.copy())

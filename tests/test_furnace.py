@@ -7,12 +7,11 @@ share photons). Path lengths: each run's mean over the volume is one sample of a
 over the independent runs.
 """
 
-import functools
-
 import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import cached
 
 SHAPE, SPACING = (4, 5, 6), (1.1, 0.6, 0.8)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]
@@ -49,7 +48,7 @@ MEDIA = {
 }
 
 
-@functools.cache
+@cached
 def furnace(medium, phase, view=VIEW, extinction=2.0, photons=2e5):
     tracker, interpolation, density = MEDIA[medium]
     return mcrt.simulate(

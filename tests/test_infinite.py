@@ -6,12 +6,11 @@ absorption, sqrt(p (1 - p) / N) for a fraction and sqrt(<r^2n> - <r^n>^2) / sqrt
 weights only lower them.
 """
 
-import functools
-
 import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import cached
 
 WATT = 1 / (4 * np.pi)  # intensity of a point light of 1 W
 ALBEDO, H, CELLS = 0.9, 0.25, 97  # odd: the light stands on a voxel centre
@@ -19,7 +18,7 @@ CENTRE = (CELLS * H / 2,) * 3
 PHOTONS = 1e6
 
 
-@functools.cache
+@cached
 def diffusing():
     """sigma_t = 1, isotropic scattering of albedo 0.9."""
     return mcrt.simulate(
@@ -119,6 +118,7 @@ def test_moments_of_absorption_follow_the_legendre_moments(phase, g1, g2, cells,
     )
 
 
+@pytest.mark.cpu_only("tests the truth")
 def test_moment_formulas_have_the_tabulated_values():
     assert truth.moments(1, 9, 0, 0) == pytest.approx((0.2, 0.144))
     assert truth.moments(1, 9, 0, 0.1) == pytest.approx((0.2, 0.145055), abs=1e-6)

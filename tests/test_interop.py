@@ -14,6 +14,8 @@ import pytest
 import truth
 from scipy import stats
 
+pytestmark = pytest.mark.cpu_only("Mitsuba's images against truths")
+
 ORIGIN, SPACING, SHAPE = (3.0, -5.0, 7.0), (0.5, 0.4, 0.6), (4, 5, 6)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]
 EXTINCTION, ALBEDO = 0.7, 0.8

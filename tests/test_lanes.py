@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import truth
 
+pytestmark = pytest.mark.cpu_only("lanes are the CPU's")
+
 SHAPE = (9, 10, 11)
 LIGHT = mcrt.PointLight((-6.0, -9.0, 16.0), 1e3)
 VIEW = mcrt.PerspectiveCamera((30, -20, 12), (5.5, 5, 4.5), fov=26, resolution=(12, 10))

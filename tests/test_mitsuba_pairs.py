@@ -18,6 +18,7 @@ def test_images_are_those_of_mitsuba(case):
     assert found.p.min() > LEVEL, str(found)
 
 
+@pytest.mark.cpu_only("simulates nothing")
 @pytest.mark.parametrize("strength", [2, 3])
 def test_the_table_holds_every_combination(strength):
     cases = suite.covering(strength)

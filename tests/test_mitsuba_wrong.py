@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from test_mitsuba_pairs import LEVEL
 
+pytestmark = pytest.mark.cpu_only("how sharp the comparison is does not depend on the backend")
+
 METHODS = suite.AXES["method"]
 THICK = "woodcock, linear, hg .3, outside, 5, grey, 0.9, 3, perspective"
 THIN = "woodcock, linear, isotropic, directional, 5, grey, 0.9, 0.1, perspective"

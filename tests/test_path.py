@@ -7,12 +7,11 @@ False alarms: 1e-5 per assertion (Bonferroni over pixels), about 250 assertions 
 paths together: 0.25 %.
 """
 
-import functools
-
 import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import cached
 from path_cases import (
     ALMOST,
     FAR,
@@ -20,6 +19,7 @@ from path_cases import (
     INSIDE,
     PHASES,
     SHAPE,
+    SIMDS,
     SIZE,
     SPACING,
     SUN,
@@ -32,6 +32,7 @@ from path_cases import (
     smooth,
     voxels,
     way,
+    ways,
 )
 from scipy import stats
 from truth import View
@@ -51,7 +52,7 @@ SLABS = {
 }
 
 
-@pytest.mark.parametrize("name", SLABS)
+@pytest.mark.parametrize("name", ways(SLABS))
 def test_slab_has_the_radiance_of_van_de_hulst(name, monkeypatch):
     """Layers of any density make the same slab: all that counts is the optical depth, 2."""
     simd, tracker, interpolation, spp = SLABS[name]
@@ -134,7 +135,7 @@ def test_the_whole_of_order_1_is_its_integral(sigma, box):
     assert abs(image.mean() - true) < truth.limit() * spread
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize(
     ("interpolation", "light", "view", "extinction"),
     [
@@ -164,7 +165,7 @@ def test_order_1_of_voxels_is_their_quadrature(
     assert_image(result, true, error, largest=0.01)
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 def test_an_interpolated_depth_is_put_right(simd, monkeypatch):
     """A step of density in thick voxels: the light grid errs by a lot, the mean image by nothing.
 
@@ -233,7 +234,7 @@ def test_lanes_and_trackers_agree(name, monkeypatch):
         assert_image(layer, scalar.image(order=order), scalar.image_error(), what=f"{name} {order}")
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize("kind", ["point", "environment", "map", "inside"])
 def test_a_limit_leaves_out_higher_orders_only(kind, simd, monkeypatch):
     light = {
@@ -313,7 +314,7 @@ STARTS = {"thin": ("walked", 0.15), "opaque": ("flown", 3.0)}
 SEEDS = 44
 
 
-@functools.cache
+@cached
 def replicas(kind, simd):
     volume = np.random.default_rng(91).gamma(2.0, 0.5, SHAPE).astype(np.float32)
     runs = [
@@ -338,7 +339,7 @@ def replicas(kind, simd):
     return (images - images.mean(0)) / errors / np.sqrt(1 - 1 / SEEDS), errors / images
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize("kind", STARTS)
 def test_error_bars_have_the_right_size(kind, simd, monkeypatch):
     monkeypatch.setenv("MCRT_SIMD", simd)

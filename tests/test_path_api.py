@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import truth
 from conftest import CENTRE, ORIGIN, SHAPE, SPACING, camera, density
+from path_cases import SIMDS
 
 NAN, INF = float("nan"), float("inf")
 LIGHT = mcrt.PointLight((30.0, -40.0, 50.0), 1e3)
@@ -75,6 +76,7 @@ def test_the_same_seed_gives_the_same_bits_on_any_number_of_threads(name):
     assert runs[0].image().max() > 0
 
 
+@pytest.mark.cpu_only("instruction sets are the CPU's")
 @pytest.mark.parametrize("name", SCENES)
 def test_every_instruction_set_gives_the_same_bits(name, monkeypatch):
     runs = []
@@ -312,7 +314,7 @@ def assert_dark(result):
     assert result._repr_html_()
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize(
     "options",
     [
@@ -367,7 +369,7 @@ def test_a_thin_medium_is_its_first_order():
     assert thin.image().max() > 0
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 def test_an_opaque_medium_is_a_half_space(simd, monkeypatch):
     """tau 1e4, isotropic: Chandrasekhar's radiance for normal light seen along the normal."""
     monkeypatch.setenv("MCRT_SIMD", simd)
@@ -429,6 +431,7 @@ BALL = mcrt.Medium.sphere(2, center=CENTRE)
 BOX = mcrt.Medium.box((3, 5, 6), origin=ORIGIN)
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -477,6 +480,7 @@ def test_bad_arguments_are_scene_errors(arguments, message):
             call(given.pop("volume"), **given)
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize("value", [NAN, INF, -1.0])
 def test_bad_maps_are_scene_errors(value):
     sky = np.ones((4, 8))
@@ -485,6 +489,7 @@ def test_bad_maps_are_scene_errors(value):
         run(light=mcrt.EnvironmentLight(sky))
 
 
+@pytest.mark.cpu_only("arguments are checked before any backend")
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -10,6 +10,7 @@ import pytest
 import truth
 from path_cases import (
     PHASES,
+    SIMDS,
     SIZE,
     SPACING,
     assert_image,
@@ -86,7 +87,7 @@ def test_order_1_of_a_light_inside_is_its_quadrature(
     assert_image(result, (true * weight).sum(-1), relative=5e-4, largest=0.015)
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
 def test_order_1_of_a_light_among_voxels_is_its_quadrature(interpolation, simd, monkeypatch):
     monkeypatch.setenv("MCRT_SIMD", simd)
@@ -105,7 +106,7 @@ def test_order_1_of_a_light_among_voxels_is_its_quadrature(interpolation, simd, 
     assert_image(result, *voxels(interpolation, light, view, 1.0), largest=0.01)
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(simd, monkeypatch):
     """Isotropic scattering: the radiance is albedo sigma / 4 pi times the integral of the fluence,
     attenuated, along the ray; the eye is in the medium, whose faces are 12 mean free paths off."""
@@ -150,7 +151,7 @@ def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(sim
     np.testing.assert_allclose(again.image(order=1), one, rtol=0.05)
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize("albedo", [1.0, 0.6])
 def test_a_light_inside_has_a_finite_variance(simd, albedo, monkeypatch):
     """What an error bar predicts is what runs scatter by, also in the pixel of the light; and it
@@ -179,7 +180,7 @@ def test_a_light_inside_has_a_finite_variance(simd, albedo, monkeypatch):
     )
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 def test_the_brightest_samples_near_a_light_are_rare(simd, monkeypatch):
     """Single samples of orders 2 and up, of rays that pass close to a light inside.
 

@@ -7,7 +7,20 @@ paths together: 0.25 %.
 import mcrt
 import numpy as np
 import pytest
-from path_cases import ALMOST, INSIDE, SHAPE, SIZE, SPACING, VIEW, assert_image, cloud, pooled, run
+from path_cases import (
+    ALMOST,
+    INSIDE,
+    SHAPE,
+    SIMDS,
+    SIZE,
+    SPACING,
+    VIEW,
+    assert_image,
+    cloud,
+    pooled,
+    run,
+    ways,
+)
 from test_environment import radiance
 
 FURNACES = {
@@ -51,7 +64,7 @@ def furnace(name, monkeypatch, **options):
 
 
 @pytest.mark.parametrize("sky", ["constant", "map"])
-@pytest.mark.parametrize("name", FURNACES)
+@pytest.mark.parametrize("name", ways(FURNACES))
 def test_white_furnace_is_white(name, sky, monkeypatch):
     """Without absorption under a uniform sky every pixel has the sky's radiance."""
     light = mcrt.EnvironmentLight(1.0 if sky == "constant" else ALMOST)
@@ -86,7 +99,7 @@ def test_a_map_and_what_it_lacks_make_a_constant(monkeypatch):
         assert_image((image / 20, error / 20), 1.0, what=name, largest=0.004)
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 def test_one_bright_texel_is_a_directional_light(simd, monkeypatch):
     monkeypatch.setenv("MCRT_SIMD", simd)
     texels = np.zeros((64, 128, 3), np.float32)
@@ -144,7 +157,7 @@ EMITTERS = [
 
 
 @pytest.mark.parametrize("sky", ["constant", "map"])
-@pytest.mark.parametrize("name", EMITTERS)
+@pytest.mark.parametrize("name", ways(EMITTERS))
 def test_a_medium_as_hot_as_its_surroundings_is_not_seen(name, sky, monkeypatch):
     albedo = 0.7
     medium = FURNACES[name]

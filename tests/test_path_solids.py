@@ -8,7 +8,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
-from path_cases import SUN, assert_image, lit, run
+from path_cases import SIMDS, SUN, assert_image, lit, run
 from truth import Point, View
 
 BALL = View((-9, -14, 12), (0.3, -0.2, 0.1), (6, 5), width=4.4)
@@ -49,7 +49,7 @@ def test_alpha_of_a_box_is_one_less_the_transmittance_of_its_chords(pixels):
     assert truth.relative_rms(result.alpha(), 1 - true) < 0.01  # edges cross all pixels
 
 
-@pytest.mark.parametrize("simd", ["", "scalar"])
+@pytest.mark.parametrize("simd", SIMDS)
 @pytest.mark.parametrize("sigma", [0.3, 2.0])
 @pytest.mark.parametrize("view", [BALL, WITHIN])
 def test_order_1_of_a_sphere_is_its_quadrature(sigma, view, simd, monkeypatch):

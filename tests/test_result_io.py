@@ -35,6 +35,7 @@ def test_a_loaded_result_merges_with_a_fresh_one(tmp_path):
     assert merged.stats.photons >= 8000
 
 
+@pytest.mark.cpu_only("no result of a simulation")
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"PK\x03\x04broken"])
 def test_a_file_of_something_else_is_an_error(content, tmp_path):
     path = tmp_path / "other.npz"
@@ -92,6 +93,7 @@ def test_a_seed_counts_once_in_a_merge(grey):
         grey + 1.0
 
 
+@pytest.mark.cpu_only("shows arrays, whoever made them")
 @pytest.mark.parametrize("kind", ["grey", "rgb"])
 def test_exr_has_the_layers(kind, request, tmp_path):
     openexr = pytest.importorskip("OpenEXR")
@@ -110,6 +112,7 @@ def test_exr_has_the_layers(kind, request, tmp_path):
     np.testing.assert_allclose(channels["A"], alpha.mean(-1) if alpha.ndim == 3 else alpha)
 
 
+@pytest.mark.cpu_only("no result of a simulation")
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (5, 7, 3)])
 def test_png_keeps_every_pixel(shape):
     pixels = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
@@ -117,6 +120,7 @@ def test_png_keeps_every_pixel(shape):
     np.testing.assert_array_equal(np.rint(255.0 * decoded), pixels)
 
 
+@pytest.mark.cpu_only("no result of a simulation")
 def test_tone_map_is_monotonic_and_takes_black():
     ramp = np.linspace(0.0, 50.0, 256, dtype=np.float32).reshape(16, 16)
     mapped = display.tone_map(ramp).ravel().astype(int)
@@ -125,6 +129,7 @@ def test_tone_map_is_monotonic_and_takes_black():
     assert (display.tone_map(np.zeros((4, 4, 3))) == 0).all()
 
 
+@pytest.mark.cpu_only("shows arrays, whoever made them")
 @pytest.mark.parametrize("kind", ["grey", "rgb"])
 def test_html_shows_picture_and_numbers(kind, request, tmp_path):
     result = request.getfixturevalue(kind)
@@ -136,12 +141,14 @@ def test_html_shows_picture_and_numbers(kind, request, tmp_path):
         assert word in html
 
 
+@pytest.mark.cpu_only("shows arrays, whoever made them")
 def test_html_without_an_image_has_the_table_alone():
     html = run(outputs=["fluence"])._repr_html_()
     assert "<img" not in html
     assert "<table>" in html
 
 
+@pytest.mark.cpu_only("shows arrays, whoever made them")
 def test_xarray_has_coordinates_and_units(rgb):
     pytest.importorskip("xarray")
     data = rgb.to_xarray()
@@ -154,6 +161,7 @@ def test_xarray_has_coordinates_and_units(rgb):
     np.testing.assert_array_equal(data["image"], rgb.image())
 
 
+@pytest.mark.cpu_only("shows arrays, whoever made them")
 @pytest.mark.parametrize("kind", ["grey", "rgb"])
 def test_plots_are_drawn_in_world_coordinates(kind, request):
     result = request.getfixturevalue(kind)

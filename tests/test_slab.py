@@ -90,6 +90,7 @@ def test_half_space_reflects_by_the_h_function(albedo, tau, photons, mu0):
     truth.assert_z(r, true, truth.fraction_error(true, photons))
 
 
+@pytest.mark.cpu_only("tests the truth")
 def test_half_space_truth_has_the_tabulated_values():
     table = {
         (0.5, 1.0): 0.11522588,

@@ -4,13 +4,13 @@ the equation.
 False alarms: 1e-5 per assertion (Bonferroni over voxels), about 60 assertions.
 """
 
-import functools
 import itertools
 
 import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import cached
 from scipy import special, stats
 
 SHAPE, SPACING = (5, 6, 7), (1.0, 0.5, 0.7)
@@ -67,7 +67,7 @@ def assert_same(a, b, what=("fluence",), flip=lambda x: x, relative=1e-3):
         truth.assert_z(p, q, error[0], error[1], relative=relative, what=name)
 
 
-@functools.cache
+@cached
 def reference(kind, interpolation, extinction):
     tracker = "woodcock"
     return run(
@@ -303,7 +303,7 @@ def test_scaling_lengths_by_any_factor_leaves_the_physics():
     assert_same(run(density, seed=72), large)
 
 
-@functools.cache
+@cached
 def upright(interpolation):
     return run(cloud(), 3e5, interpolation=interpolation, camera=VIEW.camera(), seed=73)
 

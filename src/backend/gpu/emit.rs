@@ -30,7 +30,7 @@ pub struct Constants {
     pub rows: u32,
     pub width: u32,
     pub height: u32,
-    pub flag: u32,
+    pub spare: u32,
 }
 
 /// An emitter's constants and tables on the GPU.
@@ -45,6 +45,9 @@ pub struct Start {
     glow: Option<Glow>,
     /// The shader files of its kind.
     pub files: Vec<&'static str>,
+    /// Its constant that decides on branches: one of the kernel, for lavapipe compiles kernels anew at each dispatch, and
+    /// keeps them all, where uniforms alone decide.
+    branch: Option<(&'static str, bool)>,
     /// Loop iterations that a start may take.
     pub iterations: u32,
     /// The power of its photons [W].
@@ -91,10 +94,10 @@ impl Start {
         let volume = &scene.medium.volume;
         let (size, n) = (volume.size(), volume.n());
         let single = |v: [f64; 3]| v.map(|c| c as f32);
-        let mut constants = Constants { flag: 1, ..Constants::default() };
+        let mut constants = Constants::default();
         let mut files = vec!["start"];
         let (mut table, mut lights, mut maps, mut glow) = (None, None, None, None);
-        let (mut scale, mut iterations) = (1.0, 0);
+        let (mut scale, mut iterations, mut branch) = (1.0, 0, None);
         let (mut rows, mut columns, mut height) = (n[1] * n[2], n[0], n[1]);
         let mut faces = |areas: &[f64; 3]| {
             let total = areas.iter().sum::<f64>();
@@ -112,6 +115,7 @@ impl Start {
                 let outside = cone(*position, size).1 < 2.0;
                 constants.distance = if outside { to.iter().map(|c| c * c).sum::<f64>().sqrt() as f32 } else { 0.0 };
                 constants.place = single(if outside { size.map(|s| 0.5 * s) } else { *position });
+                branch = Some(("OUTSIDE", outside));
                 constants.axis = single(*axis);
                 constants.cap = *cap as f32;
             }
@@ -132,7 +136,7 @@ impl Start {
                 files.extend(["start_first", "table", "light"]);
                 table = Some(tables(&first.rows, n[0], |at| f64::from(first.power[at])));
                 lights = Some(Lights::new(gpu, std::iter::once((&first.light, 1.0)))?);
-                constants.flag = u32::from(first.interpolated);
+                branch = Some(("INTERPOLATED", first.interpolated));
                 scale = f64::from(first.volume) / emitter.power;
                 iterations = 64 + if volume.is_constant() { 0 } else { (n.iter().sum::<usize>() + 8) as u32 };
             }
@@ -141,7 +145,7 @@ impl Start {
                 glow = Glow::new(gpu, &scene.medium)?;
                 files.extend(glow.iter().map(Glow::emission));
                 table = Some(tables(&glowing.rows, n[0], |at| sum_of(&glowing.fields, at)));
-                constants.flag = glowing.fields.len() as u32;
+                branch = Some(("GREY", glowing.fields.len() == 1));
                 iterations = 64;
             }
             Kind::Map { shower, faces: areas } => {
@@ -172,6 +176,7 @@ impl Start {
             maps,
             glow,
             files,
+            branch,
             iterations,
             power: emitter.power,
             colour: emitter.colour,
@@ -197,6 +202,7 @@ impl Start {
 
     /// Sets the constants of a kernel with its files.
     pub fn set(&self, source: Source) -> Source {
+        let source = self.branch.iter().fold(source, |source, (name, value)| source.with(name, *value));
         match &self.glow {
             Some(glow) => glow.set(source),
             None => source,
