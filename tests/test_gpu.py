@@ -12,13 +12,14 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import mcrt
 import numpy as np
 import pytest
 import random_scenes
 import truth
-from conftest import CENTRE, ORIGIN, SHAPE, SPACING, camera, density
+from conftest import CENTRE, EYE, ORIGIN, SHAPE, SPACING, camera, density
 from mcrt import _mcrt
 from scipy import stats
 
@@ -73,7 +74,7 @@ def bits(result):
     return digest.hexdigest()
 
 
-# ---------------------------------------------------------------------------- the same random numbers
+# -------------------------------------------------------------------------- the same random numbers
 
 
 def random_albedo():
@@ -124,11 +125,9 @@ PATHS = {
     "chromatic": {"extinction": CHROMATIC, "light": [SUN, MAP]},
     "lamp inside": {"light": INSIDE},
     "eye inside": {
-        "camera": mcrt.PerspectiveCamera(CENTRE, (14, -19, 35), fov=80, resolution=(14, 9))
+        "camera": mcrt.PerspectiveCamera(CENTRE, (14, -19, 35), fov=80, resolution=(9, 9))
     },
-    "parallel": {
-        "camera": mcrt.OrthographicCamera((25, -5, 40), CENTRE, width=3, resolution=(14, 9))
-    },
+    "parallel": {"camera": mcrt.OrthographicCamera(EYE, CENTRE, width=3, resolution=(14, 9))},
     "two scatterings": {"max_scatterings": 2},
     "glow": {"light": (), "emission": GLOW[..., 0]},
     "glow in colours": {"emission": GLOW, "extinction": CHROMATIC},
@@ -181,7 +180,7 @@ def test_random_scenes_do_not_tell_the_backends_apart():
         assert one.differ < random_scenes.FLIPPED, one
 
 
-# ------------------------------------------------------------------------------ other random numbers
+# ----------------------------------------------------------------------------- other random numbers
 
 PAIRS = 100
 KINDS = {
@@ -257,9 +256,9 @@ def test_pixels_of_both_differ_by_a_normal_z(options):
     options = {"method": "path", "spp": 2000, "camera": camera(resolution=(48, 32))} | options
     a, b = (run(**options, seed=seed, backend=one) for seed, one in enumerate((CPU, GPU)))
     assert truth.dof(a, "pixel") > 100
-    z = truth.z_scores(a.image(), b.image(), a.image_error(), b.image_error(), 0)
+    scores = truth.z_scores(a.image(), b.image(), a.image_error(), b.image_error(), 0)
     # Each pixel has its own paths; the channels of one share them.
-    for z in np.moveaxis(z.reshape(32 * 48, -1), -1, 0):
+    for z in np.moveaxis(scores.reshape(48 * 32, -1), -1, 0):
         z = z[z != 0]  # beside the volume there is nothing
         p = stats.kstest(z, "norm").pvalue
         print(f"{len(z)} pixels: p {p:.2g}, mean {z.mean():.3f}, std {z.std():.3f}")
@@ -269,7 +268,7 @@ def test_pixels_of_both_differ_by_a_normal_z(options):
         assert chi_square.ppf(truth.ALPHA / 2) < (z**2).sum() < chi_square.isf(truth.ALPHA / 2)
 
 
-# ------------------------------------------------------------------------------------- the same bits
+# ------------------------------------------------------------------------------------ the same bits
 
 REPEATED = {
     "photon": {
@@ -299,8 +298,6 @@ def test_the_number_of_threads_does_not_matter(name):
 
 def python(code, **environment):
     """What another process prints."""
-    from pathlib import Path
-
     paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
     clean = {k: v for k, v in os.environ.items() if k != "MCRT_BACKEND"}
     return subprocess.run(
@@ -312,30 +309,44 @@ def python(code, **environment):
     )
 
 
-# ---------------------------------------------------------------------------------------- a lost GPU
+# --------------------------------------------------------------------------------------- a lost GPU
 
 NOISE = (np.random.default_rng(1).random((12, 12, 12)) > 0.3).astype(np.float32)
 LONG = {
     "photons": {"photons": 6e5},
     "target": {"target_error": 0.012, "light": SUN},
     "paths": {"method": "path", "spp": 2500},
-    "path target": {"method": "path", "target_error": 0.01, "spp": None},
+    "path target": {"method": "path", "target_error": 0.02},
 }
 
 
-def long_run(name, **options):
-    """A run of about two seconds on a processor."""
+def cloud(**options):
     eye = mcrt.PerspectiveCamera((30, -25, 20), (6, 6, 6), fov=28, resolution=(24, 24))
     base = {"spacing": 1.0, "origin": (0, 0, 0), "extinction": 0.6, "albedo": 0.97, "camera": eye}
-    return run(NOISE, **base | LONG[name] | options)
+    return run(NOISE, **base | options)
+
+
+@functools.cache
+def speed():
+    """How many times as fast as two processors the GPU is, or 1."""
+    cloud(photons=1e5)
+    start = time.perf_counter()
+    cloud(photons=1e5)
+    return max(1, round(0.2 / (time.perf_counter() - start)))
+
+
+def long_run(name, **options):
+    """A run of one or two seconds."""
+    given = dict(LONG[name])
+    for effort, power in (("photons", 1), ("spp", 1), ("target_error", -0.5)):
+        if effort in given:
+            given[effort] *= speed() ** power
+    return cloud(**given | options)
 
 
 @functools.cache
 def whole(name):
-    start = time.perf_counter()
-    result = long_run(name)
-    print(f"{name}: {time.perf_counter() - start:.1f} s, {result.stats.photons:.2g} walks")
-    return result
+    return long_run(name)
 
 
 class Loser:
@@ -350,17 +361,17 @@ class Loser:
             _mcrt.lose_device(GPU)
 
 
-def lose(name, fraction, resume=None):
+def lost(start):
+    """The error of what `start` starts."""
     with pytest.raises(mcrt.DeviceLostError, match="lost") as caught:
-        loser = Loser(fraction)
-        resume(progress=loser) if resume else long_run(name, progress=loser)
+        start()
     return caught.value
 
 
 @pytest.mark.parametrize("name", LONG)
 def test_a_lost_run_keeps_what_it_has_and_goes_on_to_the_same_bits(name):
     expected = bits(whole(name))
-    error = lose(name, 1e-9)
+    error = lost(lambda: long_run(name, progress=Loser(1e-9)))
     partial = error.partial
     assert isinstance(partial, mcrt.Result)
     assert partial.stats.stopped_by == "device lost"
@@ -379,8 +390,8 @@ def test_a_lost_run_keeps_what_it_has_and_goes_on_to_the_same_bits(name):
 
 @pytest.mark.parametrize("name", ["photons", "paths"])
 def test_a_run_can_be_lost_twice(name):
-    first = lose(name, 1e-9)
-    second = lose(name, 0.6, first.resume)
+    first = lost(lambda: long_run(name, progress=Loser(1e-9)))
+    second = lost(lambda: first.resume(progress=Loser(0.6)))
     assert second.partial.stats.photons > first.partial.stats.photons
     assert bits(second.resume(progress=False)) == bits(whole(name))
 
@@ -389,7 +400,7 @@ def test_a_run_can_be_lost_twice(name):
 def test_a_run_that_was_lost_at_once_starts_again(name):
     expected = bits(whole(name))
     _mcrt.lose_device(GPU)  # opened anew, it has to compile its kernels: that takes a while
-    error = lose(name, 0.0)
+    error = lost(lambda: long_run(name, progress=Loser(0.0)))
     assert error.partial is None
     assert bits(error.resume(progress=False)) == expected
 
@@ -410,13 +421,13 @@ def test_a_loss_at_any_time_costs_nothing_but_time(delay):
 
 def test_images_are_gathered_after_the_device_was_lost():
     other = mcrt.OrthographicCamera((40, 0, 0), (6, 6, 6), width=20, resolution=(9, 9))
-    result, same = long_run("photons", photons=5e4), long_run("photons", photons=5e4)
+    result, same = (cloud(photons=5e4) for _ in range(2))
     _mcrt.lose_device(GPU)
     np.testing.assert_array_equal(result.image(other), same.image(other))
     np.testing.assert_array_equal(result.image_error(other), same.image_error(other))
 
 
-# ------------------------------------------------------------------------------------- to be stopped
+# ------------------------------------------------------------------------------------ to be stopped
 
 ENDLESS = {
     "photons": {"photons": 1e12},
@@ -446,12 +457,12 @@ def test_ctrl_c_interrupts_within_two_seconds(name):
     assert_same_fates(*(run(**again, backend=backend) for backend in (CPU, GPU)))
 
 
-@pytest.mark.parametrize("name", ENDLESS)
+@pytest.mark.parametrize("name", ["photons", "paths"])
 def test_a_time_limit_ends_a_run_with_a_result(name):
     seen = []
     start = time.perf_counter()
     result = run(**ENDLESS[name], time_limit=0.5, progress=lambda *report: seen.append(report))
-    assert time.perf_counter() - start < 10.0
+    assert time.perf_counter() - start < 5.0
     assert result.stats.stopped_by == "time_limit"
     assert np.isfinite(result.image()).all()
     assert np.isfinite(result.image_error()).all()
@@ -469,7 +480,7 @@ def test_progress_can_stop_a_run(name):
     assert np.isfinite(result.image_error()).all()
 
 
-# ------------------------------------------------------------------------------------- what there is
+# ------------------------------------------------------------------------------------ what there is
 
 NO_DRIVER = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="drivers are hidden by Vulkan's loader")
@@ -517,9 +528,10 @@ def test_a_backend_that_does_not_exist_is_an_error(value):
 def test_the_gpu_is_left_alone_until_it_is_asked_for():
     report = """
 import re
+driver = re.compile(r"[^/]*(?:vulkan|lvp|nvidia|radeon|LLVM)[^/]*$")
 def mapped():
     with open("/proc/self/maps") as maps:
-        return sorted(set(re.findall(r"[^/\\n]*(?:vulkan|lvp|nvidia|radeon|LLVM)[^/\\n]*$", maps.read(), re.M)))
+        return sorted({found[0] for line in maps if (found := driver.search(line.strip()))})
 """
     first = "import mcrt, numpy as np\nprint('import', mapped())\n"
     use = "mcrt.simulate(np.ones((2, 2, 2)), photons=100, backend={!r}, progress=False).image()\n"
@@ -529,7 +541,7 @@ def mapped():
     assert "vulkan" in python(report + first + use.format("gpu") + tell).stdout.splitlines()[-1]
 
 
-# ----------------------------------------------------------------------------------------- too large
+# ---------------------------------------------------------------------------------------- too large
 
 
 @pytest.mark.parametrize("method", ["photon", "path", "single"])
