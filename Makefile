@@ -48,6 +48,7 @@ bench: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/python -m pytest -v $(TRUTHS)
 	$(BIN)/python tests/validate.py
+	$(BIN)/python tests/random_scenes.py 1000
 
 fmt: check-lint $(VENV)/.test
 	cargo fmt
