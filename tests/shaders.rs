@@ -125,7 +125,7 @@ fn layouts() -> Vec<Layout> {
             seed enough spare),
         layout!("light", "Light", lights::Light, place is_point value rays first has_nodes check spare),
         layout!("start", "Emitter", emit::Constants,
-            step first colour count place distance axis cap faces scale below_x below_y rows width height flag),
+            step first colour count place distance axis cap faces scale below_x below_y rows width height spare),
         layout!("photons", "Job", shoot::Job, slots rounds unit spare),
         layout!("photons", "Photon", shoot::Photon,
             p order d state weight number absorbed block word at depth xi free_path hero spare),

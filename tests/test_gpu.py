@@ -23,7 +23,7 @@ from conftest import CENTRE, EYE, ORIGIN, SHAPE, SPACING, camera, density
 from mcrt import _mcrt
 from scipy import stats
 
-pytestmark = pytest.mark.names_backend
+pytestmark = pytest.mark.cpu_only("each test names its backends itself")
 
 CPU, GPU = "cpu", "gpu"
 SIZE = np.multiply(SHAPE, SPACING)[::-1]

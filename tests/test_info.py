@@ -9,9 +9,7 @@ import mcrt
 import pytest
 from mcrt import _info
 
-pytestmark = pytest.mark.cpu_only(
-    "looks for adapters, with drivers of its own"
-)
+pytestmark = pytest.mark.cpu_only("looks for adapters, with drivers of its own")
 
 LAVAPIPE = glob.glob("/usr/share/vulkan/icd.d/lvp_icd.*.json")
 needs_lavapipe = pytest.mark.skipif(not LAVAPIPE, reason="mesa-vulkan-drivers is not installed")

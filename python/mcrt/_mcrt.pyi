@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Unfinished",
     "check_camera",
     "check_light",
     "check_phase",
@@ -14,6 +15,7 @@ __all__ = [
     "framing_camera",
     "gather",
     "info",
+    "lose_device",
     "phase_eval",
     "phase_sample",
     "plan",
