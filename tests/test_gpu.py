@@ -175,9 +175,7 @@ def test_random_scenes_do_not_tell_the_backends_apart():
     found = [random_scenes.compare(number) for number in range(25)]
     print(random_scenes.summary(found, 0.0))
     assert sum(bool(one.refused) for one in found) < 10
-    for one in found:
-        assert not one.trouble, one
-        assert one.differ < random_scenes.FLIPPED, one
+    assert random_scenes.well(found)
 
 
 # ----------------------------------------------------------------------------- other random numbers
@@ -413,15 +411,20 @@ def test_a_loss_at_any_time_costs_nothing_but_time(delay):
     expected = bits(whole("photons"))
     timer = threading.Timer(delay, _mcrt.lose_device, [GPU])
     timer.start()
+    cut_short = False
     try:
         result = long_run("photons")
     except mcrt.DeviceLostError as error:
+        cut_short = True
         timer.join()
-        assert bits(error.resume(progress=False)) == expected
-    else:  # after the last photon the CPU does what is left, and rounds otherwise
-        timer.join()
-        there, here = random_scenes.arrays(result), random_scenes.arrays(whole("photons"))
-        assert max(random_scenes.difference(here[name], there[name]) for name in here) < 1e-5
+        result = error.resume(progress=False)
+    timer.join()
+    there, here = random_scenes.arrays(result), random_scenes.arrays(whole("photons"))
+    assert all(random_scenes.difference(here[name], there[name]) < 1e-5 for name in here)
+    if (
+        cut_short
+    ):  # else the CPU may have done what was left after the last photon: it rounds otherwise
+        assert bits(result) == expected
 
 
 def test_images_are_gathered_after_the_device_was_lost():
