@@ -6,7 +6,7 @@ from functools import partial
 import mcrt
 import numpy as np
 import pytest
-from conftest import density, run, scaled
+from conftest import density, run
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
