@@ -32,6 +32,14 @@ fn real() -> Vec<Twin<'static>> {
         of("ln", "return vec4(ln(a.x));", positive.chain(large).collect())
             .single(4.0, |i| about(1e-7, [Real::ln(i.a[0])]))
             .double(4.0, |i| about(1e-7, [f64::from(i.a[0]).ln()])),
+        of("ln_1p", "return vec4(ln_1p(a.x));", between(-0.29, 0.41).chain(tiny(0.4)).chain(tiny(-0.29)).collect())
+            .double(6.0, |i| relative([f64::from(i.a[0]).ln_1p()])),
+        // Its sine and cosine are a unit off, too.
+        of("angle", "let t = sin_cos_turn(a.x);\n    return vec4(angle(t.x, t.y));", between(-0.499, 0.499).collect())
+            .double(8.0, |i| about(1.0, [f64::from(i.a[0]) * std::f64::consts::TAU])),
+        // Towards pi / 2 a compiler may take the two numbers that it is the sum of for one, 4e-8 off.
+        of("tangent", "return vec4(tangent(a.x));", between(-1.5, 1.5).chain(tiny(1.0)).collect())
+            .double(16.0, |i| about(1e-3, [f64::from(i.a[0]).tan()])),
         // A product that is rounded to the other power leaves a remainder at the other end of the polynomial.
         of("expo", "return vec4(expo(a.x));", exponents.iter().copied().chain(beyond).collect())
             .single(4.0, |i| relative([Real::exp(i.a[0])]))
