@@ -353,7 +353,8 @@ def calls(draw):
     """A volume and arguments: some good ones, and often one or two wild ones."""
     volume = draw(st.one_of(*[volumes(SANE)] * 4, volumes(st.just(0.0)), volumes(FLOATS), JUNK))
     count = draw(st.sampled_from([{"photons": 1}, {"photons": 100}, {"photons": 300}, {"spp": 3}]))
-    arguments = {"progress": False} | count
+    # A photon would stay for hours in a million optical depths that absorb nothing.
+    arguments = {"progress": False, "max_scatterings": 1000} | count
     for name in draw(st.sets(st.sampled_from(sorted(GOOD)), max_size=7)):
         arguments[name] = draw(GOOD[name])
     for name in draw(st.sets(st.sampled_from(sorted(WILD)), max_size=2)):
