@@ -95,14 +95,6 @@ def pytest_terminal_summary(terminalreporter):
         terminalreporter.write_line(text, red=True, bold=True)
 
 
-def scaled(count):
-    """So many photons, samples or calls; a tenth of them on the GPU, which a processor may play.
-
-    What is compared with error bars stays as sharp as these are.
-    """
-    return count if os.environ["MCRT_BACKEND"] == "cpu" else max(round(count / 10), 1)
-
-
 def cached(function):
     """`functools.cache`, by backend."""
 
