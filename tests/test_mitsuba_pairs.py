@@ -20,7 +20,7 @@ def marked():
         held |= values
 
 
-@pytest.mark.parametrize("case", marked(), ids=suite.name)
+@pytest.mark.parametrize("case", list(marked()), ids=suite.name)
 def test_images_are_those_of_mitsuba(case):
     if case["light"] == "inside" and not suite.select_variant():
         pytest.skip("the reference of a light inside needs LLVM 19")
