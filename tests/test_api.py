@@ -265,6 +265,7 @@ def test_time_limit_stops_the_run():
     assert result.stats.stopped_by == "time_limit"
 
 
+@pytest.mark.cpu_only("test_gpu.py interrupts the GPU")
 def test_ctrl_c_interrupts_within_a_fifth_of_a_second():
     sent = []
 

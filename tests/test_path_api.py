@@ -279,6 +279,7 @@ def test_an_exception_in_progress_comes_out():
         run(spp=1e9, progress=fail)
 
 
+@pytest.mark.cpu_only("test_gpu.py interrupts the GPU")
 @pytest.mark.parametrize(
     "options",
     [{}, {"albedo": 1.0, "extinction": 1e4}, {"emission": 1.0, "extinction": (1, 2, 3)}],
