@@ -12,6 +12,8 @@ import pytest
 import truth
 from conftest import cached
 
+pytestmark = pytest.mark.cpu_only("a bias of the method, whatever runs it")
+
 SEEDS, PHOTONS, SPP = 16, 1e6, 2000
 DOF = SEEDS - 1
 BLOBS = [(0.35, 0.4, 0.35, 0.25, 0.9), (0.65, 0.6, 0.55, 0.28, 0.8)]
