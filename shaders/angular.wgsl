@@ -29,7 +29,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let voxel = at / job.inner;
-    let d = to_eye(job.first + voxel);
+    let cell = job.first + voxel;
+    let centre = vec3<f32>(vec3(cell % job.n.x, cell / job.n.x % job.n.y, cell / (job.n.x * job.n.y))) + 0.5;
+    let d = to_eye(job.eye, centre, job.h);
     let harmonics = (job.order + 1u) * (job.order + 1u);
     let base = voxel * harmonics * job.inner + at % job.inner;
     var sum = 0.0;
@@ -42,14 +44,4 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         }
     }
     towards[at] = sum;
-}
-
-// The unit vector from a voxel's centre towards the eye.
-fn to_eye(voxel: u32) -> vec3<f32> {
-    if job.eye.w == 0.0 {
-        return job.eye.xyz;
-    }
-    let cell = vec3(voxel % job.n.x, voxel / job.n.x % job.n.y, voxel / (job.n.x * job.n.y));
-    let r = (job.eye.xyz - (vec3<f32>(cell) + 0.5)) * job.h;
-    return r / max(sqrt(r.x * r.x + r.y * r.y + r.z * r.z), 1e-30);
 }

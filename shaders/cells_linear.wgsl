@@ -4,7 +4,7 @@ alias Contents = Corners;
 
 // The walk over the cells that a line crosses.
 fn walk_cells(p: vec3<f32>, v: vec3<f32>) -> Dda {
-    return dda(p - 0.5, v, vec3(-1), scene.n);
+    return cells(p, v);
 }
 
 // What a cell holds.

@@ -4,7 +4,7 @@ alias Contents = f32;
 
 // The walk over the cells that a line crosses.
 fn walk_cells(p: vec3<f32>, v: vec3<f32>) -> Dda {
-    return dda(p, v, vec3(0), scene.n);
+    return cells(p, v);
 }
 
 // What a cell holds.

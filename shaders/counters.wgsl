@@ -36,9 +36,38 @@ fn add_share(copy: u32, share: u32, weight: Spectrum) {
     }
 }
 
-// Adds a weight to sums of two words.
-fn add_weight(sums: ptr<function, array<vec2<u32>, CHANNELS>>, weight: Spectrum) {
+// What the photons of an invocation did since it began.
+struct Toll {
+    // Which copy it is told to.
+    copy: u32,
+    collisions: u32,
+    finished: u32,
+    // Weights that were absorbed, and lost less won in roulette.
+    taken: array<vec2<u32>, CHANNELS>,
+    lost: array<vec2<u32>, CHANNELS>,
+}
+
+// Adds a weight that was absorbed.
+fn add_taken(toll: ptr<function, Toll>, weight: Spectrum) {
     for (var c = 0u; c < CHANNELS; c++) {
-        (*sums)[c] = add64((*sums)[c], wide_cut(channel(weight, c) * SIXTEEN));
+        (*toll).taken[c] = add64((*toll).taken[c], wide_cut(channel(weight, c) * SIXTEEN));
     }
+}
+
+// Adds a weight that was lost in roulette; one that was won is negative.
+fn add_lost(toll: ptr<function, Toll>, weight: Spectrum) {
+    for (var c = 0u; c < CHANNELS; c++) {
+        (*toll).lost[c] = add64((*toll).lost[c], wide_cut(channel(weight, c) * SIXTEEN));
+    }
+}
+
+// Counts it all.
+fn tell(toll: ptr<function, Toll>) {
+    let first = (*toll).copy * WORDS;
+    for (var c = 0u; c < CHANNELS; c++) {
+        count_wide(first + 2u * (3u * ABSORBED + c), (*toll).taken[c]);
+        count_wide(first + 2u * (3u * LOST + c), (*toll).lost[c]);
+    }
+    count_wide(first + COLLISIONS, vec2((*toll).collisions, 0u));
+    atomicAdd(&counters[first + FINISHED], (*toll).finished);
 }

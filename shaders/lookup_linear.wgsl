@@ -90,33 +90,10 @@ fn piece(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0
     return 0.5 * (t1 - t0) * sum;
 }
 
-// The integral of the field along p + t v, t from 0 to end within the box, no further than where it exceeds `most`.
-fn integral(field: texture_3d<f32>, p: vec3<f32>, v: vec3<f32>, end: f32, most: f32) -> f32 {
-    let stop = min(end, leave(p, v).t);
-    var walk = dda(p - 0.5, v, vec3(-1), scene.n);
-    var t = 0.0;
-    var sum = 0.0;
-    loop {
-        let axis = dda_axis(&walk);
-        let exit = walk.next[axis];
-        let to = min(exit, stop);
-        if to > t {
-            sum += piece(field, walk.cell, p, v, t, to);
-            t = to;
-            if sum > most {
-                break;
-            }
-        }
-        if exit >= stop || !dda_advance(&walk, axis) {
-            break;
-        }
-    }
-    return sum;
-}
-
 // Where within [t0, t1] the integral from t0 reaches `goal`, in a cell that holds the line between them: Newton's method
 // kept within its bracket.
-fn invert(c: Corners, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32, goal: f32) -> f32 {
+fn invert(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32, goal: f32) -> f32 {
+    let c = corners(field, cell);
     let start = corners_at(c, local(along(p, v, t0), cell));
     var low = t0;
     var high = t1;
@@ -138,4 +115,9 @@ fn invert(c: Corners, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: 
         t = next;
     }
     return t;
+}
+
+// The walk over the cells within which the field is one polynomial.
+fn cells(p: vec3<f32>, v: vec3<f32>) -> Dda {
+    return dda(p - 0.5, v, vec3(-1), scene.n);
 }

@@ -20,26 +20,17 @@ fn maximum(field: texture_3d<f32>, cell: vec3<i32>) -> f32 {
     return texel(field, cell);
 }
 
-// The integral of the field along p + t v, t from 0 to end within the box, no further than where it exceeds `most`.
-fn integral(field: texture_3d<f32>, p: vec3<f32>, v: vec3<f32>, end: f32, most: f32) -> f32 {
-    let stop = min(end, leave(p, v).t);
-    var walk = dda(p, v, vec3(0), scene.n);
-    var t = 0.0;
-    var sum = 0.0;
-    loop {
-        let axis = dda_axis(&walk);
-        let exit = walk.next[axis];
-        let to = min(exit, stop);
-        if to > t {
-            sum += texel(field, walk.cell) * (to - t);
-            t = to;
-            if sum > most {
-                break;
-            }
-        }
-        if exit >= stop || !dda_advance(&walk, axis) {
-            break;
-        }
-    }
-    return sum;
+// The integral over the piece from t0 to t1 of a line, within one voxel.
+fn piece(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32) -> f32 {
+    return texel(field, cell) * (t1 - t0);
+}
+
+// Where within [t0, t1] the integral from t0 reaches `goal`, in a voxel that holds the line between them.
+fn invert(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32, goal: f32) -> f32 {
+    return min(t0 + goal / max(texel(field, cell), 1e-30), t1);
+}
+
+// The walk over the cells within which the field is one polynomial: the voxels.
+fn cells(p: vec3<f32>, v: vec3<f32>) -> Dda {
+    return dda(p, v, vec3(0), scene.n);
 }

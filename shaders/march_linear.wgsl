@@ -17,6 +17,5 @@ fn march_piece(cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32) ->
 
 // Where within [t0, t1] that integral from t0 reaches `goal`.
 fn march_invert(cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32, goal: f32) -> f32 {
-    let c = between(cell);
-    return invert(corners(density, c), c, p, v, t0, t1, goal);
+    return invert(density, between(cell), p, v, t0, t1, goal);
 }

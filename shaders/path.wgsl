@@ -77,7 +77,7 @@ fn collide(path: ptr<function, Path>, f: ptr<function, Flight>) -> bool {
     if FAR_LIGHTS > 0u {
         see(path, order, after * scattered(f));
     }
-    if scene.last == 0xffffffffu && top < ROULETTE {
+    if UNLIMITED && top < ROULETTE {
         if !survives_here(f) {
             return true;
         }

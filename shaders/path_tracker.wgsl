@@ -1,7 +1,7 @@
 // Paths flight by flight, with any tracker and any weights.
 
-// The purpose of the random numbers of paths.
-const PATH = 9u;
+// What the random numbers are for.
+override PURPOSE: u32 = 0u;
 
 // The random words of a vertex.
 fn draw_vertex(f: ptr<function, Flight>) {
@@ -10,7 +10,7 @@ fn draw_vertex(f: ptr<function, Flight>) {
 
 // The next four words of a path.
 fn next_words(f: ptr<function, Flight>) -> vec4<u32> {
-    let word = words(scene.seed, (*f).index, (*f).block, PATH);
+    let word = words(scene.seed, (*f).index, (*f).block, PURPOSE);
     (*f).block += 1u;
     return word;
 }
@@ -59,7 +59,7 @@ fn go_on(path: ptr<function, Path>, f: ptr<function, Flight>) -> u32 {
     }
     var way = Way((*f).p, (*f).d * scene.inverse_h, (*f).depth, (*f).word, 0u);
     var w = (*path).weights;
-    var draws = Draws(scene.seed, (*f).index, (*f).block, PATH);
+    var draws = Draws(scene.seed, (*f).index, (*f).block, PURPOSE);
     let went = fly(&way, &w, &draws);
     (*path).weights = w;
     (*f).p = way.p;

@@ -9,125 +9,83 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if slot >= job.slots {
         return;
     }
-    let copy = slot % COPIES;
-    var photon = photons[slot];
-    var f: Flight;
-    f.p = photon.p;
-    f.d = photon.d;
-    f.block = photon.block;
-    f.word = photon.word;
-    f.at = photon.at;
-    f.depth = photon.depth;
-    f.xi = photon.xi;
-    f.free_path = photon.free_path;
-    f.index = add64(emitter.first, vec2(photon.number, 0u));
-    var number = photon.number;
-    var state = photon.state;
-    var order = photon.order;
-    var weight = spectrum(photon.weight);
-    var absorbed = spectrum(photon.absorbed);
-    var collisions = 0u;
-    var finished = 0u;
-    var taken = array<vec2<u32>, CHANNELS>();
-    var lost = array<vec2<u32>, CHANNELS>();
-    for (var round = 0u; round < job.rounds && state != OVER; round++) {
-        if state == NEXT {
-            f.index = add64(emitter.first, vec2(number, 0u));
-            f.block = 0u;
-            absorbed = spectrum(vec3(0.0));
-            order = 0u;
-            state = select(OVER, STARTS, number < emitter.count);
+    var photon = photon_of(slot);
+    var f = photon.flight;
+    var toll: Toll;
+    toll.copy = slot % COPIES;
+    for (var round = 0u; round < job.rounds && photon.state != OVER; round++) {
+        if photon.state == NEXT {
+            take_next(&photon, &f);
         }
-        // The share of the energy that the photon ends in, and what of it remains then.
+        // The share of the energy that the photon ends in.
         var share = ABSORBED;
-        if state == STARTS {
-            let begun = start(number, &f);
-            weight = begun.weight;
+        if photon.state == STARTS {
+            let begun = start(photon.number, &f);
+            photon.weights = Weights(begun.weight);
             if begun.how == MISSES {
                 share = MISSED;
-                state = NEXT;
-            } else if begun.how == COLLIDES {
-                state = HITS;
-            } else if begun.how == FLIES {
-                state = FLIGHT;
+                photon.state = NEXT;
+            } else if begun.how != SEARCHES {
+                photon.state = select(FLIGHT, HITS, begun.how == COLLIDES);
             }
         }
-        let waits = state == OVER || state == STARTS;
-        for (var event = 0u; event < EVENTS && state > STARTS; event++) {
-            if state == HITS {
-                collisions += 1u;
-                let after = weight * albedo_of(&f);
-                absorbed += weight - after;
-                weight = after;
-                order += 1u;
-                turn(&f);
-                let top = largest(after);
-                state = FLIGHT;
-                if top <= 0.0 {
-                    state = NEXT;
-                } else if order > scene.last {
-                    share = TRUNCATED;
-                    state = NEXT;
-                } else if scene.last == 0xffffffffu && top < ROULETTE {
-                    if survives(&f) {
-                        weight = after * (1.0 / SURVIVAL);
-                        add_weight(&lost, after - weight);
-                    } else {
-                        add_weight(&lost, after);
-                        share = LOST;
-                        state = NEXT;
-                    }
-                }
+        for (var event = 0u; event < EVENTS && photon.state > STARTS; event++) {
+            if photon.state == HITS {
+                share = collide(&photon, &f, &toll);
             }
-            if state >= FLIGHT {
-                if state == FLIGHT {
+            if photon.state >= FLIGHT {
+                if photon.state == FLIGHT {
                     draw_flight(&f);
                 }
                 let went = advance(&f);
-                state = PAUSED;
+                photon.state = PAUSED;
                 if went == TENTATIVE {
-                    let voxel = index_of(vec3<i32>(f.q));
-                    deposit(voxel, f.q, f.d, order, weight * (job.unit * f.free_path), rounding(f.word.w));
-                    state = select(FLIGHT, HITS, accept(&f));
+                    let units = photon.weights.value * (job.unit * f.free_path);
+                    deposit(index_of(vec3<i32>(f.q)), f.q, f.d, photon.order, units, rounding(f.word.w));
+                    photon.state = select(FLIGHT, HITS, accept(&f));
                 } else if went == LEFT {
                     share = ESCAPED;
-                    state = NEXT;
+                    photon.state = NEXT;
                 }
             }
         }
-        if state == NEXT && !waits {
+        if photon.state == NEXT {
             if share == ESCAPED {
                 let v = f.d * scene.inverse_h;
-                let axis = leave(f.p, v).axis;
-                share = select(ESCAPED + 2u * u32(axis) + u32(v[axis] > 0.0), UNSCATTERED, order == 0u);
+                share = select(ESCAPED + face_of(leave(f.p, v).axis, v), UNSCATTERED, photon.order == 0u);
             }
-            if share != ABSORBED && share != LOST {
-                add_share(copy, share, weight);
-            }
-            add_weight(&taken, absorbed);
-            end(number, order, share);
-            finished += 1u;
-            number += job.slots;
+            finish(&photon, &toll, share);
         }
     }
-    for (var c = 0u; c < CHANNELS; c++) {
-        count_wide(copy * WORDS + 2u * (3u * ABSORBED + c), taken[c]);
-        count_wide(copy * WORDS + 2u * (3u * LOST + c), lost[c]);
-    }
-    count_wide(copy * WORDS + COLLISIONS, vec2(collisions, 0u));
-    atomicAdd(&counters[copy * WORDS + FINISHED], finished);
-    photon.p = f.p;
-    photon.d = f.d;
-    photon.block = f.block;
-    photon.word = f.word;
-    photon.at = f.at;
-    photon.depth = f.depth;
-    photon.xi = f.xi;
-    photon.free_path = f.free_path;
-    photon.number = number;
-    photon.state = state;
-    photon.order = order;
-    photon.weight = rgb(weight);
-    photon.absorbed = rgb(absorbed);
+    tell(&toll);
+    photon.flight = f;
     photons[slot] = photon;
+}
+
+// Absorbs and scatters at a real collision; gives the share of the energy that the photon ends in, if it does.
+fn collide(photon: ptr<function, Photon>, f: ptr<function, Flight>, toll: ptr<function, Toll>) -> u32 {
+    (*toll).collisions += 1u;
+    let before = (*photon).weights.value;
+    let after = before * albedo_of(f);
+    (*photon).absorbed += before - after;
+    (*photon).weights.value = after;
+    (*photon).order += 1u;
+    (*photon).state = FLIGHT;
+    turn(f);
+    let top = largest(after);
+    if top <= 0.0 {
+        (*photon).state = NEXT;
+    } else if (*photon).order > scene.last {
+        (*photon).state = NEXT;
+        return TRUNCATED;
+    } else if UNLIMITED && top < ROULETTE {
+        if !survives(f) {
+            add_lost(toll, after);
+            (*photon).state = NEXT;
+            return LOST;
+        }
+        (*photon).weights.value = after * (1.0 / SURVIVAL);
+        add_lost(toll, after - (*photon).weights.value);
+    }
+    return ABSORBED;
 }

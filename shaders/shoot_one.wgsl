@@ -9,118 +9,92 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if slot >= job.slots {
         return;
     }
-    let copy = slot % COPIES;
-    var photon = photons[slot];
-    var number = photon.number;
-    var state = photon.state;
-    var order = photon.order;
-    var direction = photon.d;
-    var w = load_weights(photon);
-    var way = Way(photon.p, direction * scene.inverse_h, photon.depth, photon.word, 0u);
-    var draws = Draws(scene.seed, add64(emitter.first, vec2(number, 0u)), photon.block, 0u);
-    var collisions = 0u;
-    var finished = 0u;
-    var taken = array<vec2<u32>, CHANNELS>();
-    var lost = array<vec2<u32>, CHANNELS>();
-    for (var round = 0u; round < job.rounds && state != OVER; round++) {
-        if state == NEXT {
-            draws.index = add64(emitter.first, vec2(number, 0u));
-            draws.block = 0u;
-            order = 0u;
-            state = select(OVER, STARTS, number < emitter.count);
+    var photon = photon_of(slot);
+    var f = photon.flight;
+    var toll: Toll;
+    toll.copy = slot % COPIES;
+    for (var round = 0u; round < job.rounds && photon.state != OVER; round++) {
+        if photon.state == NEXT {
+            take_next(&photon, &f);
         }
         // The share of the energy that the photon ends in.
         var share = ABSORBED;
-        if state == STARTS {
-            var f: Flight;
-            f.index = draws.index;
-            f.block = draws.block;
-            let begun = start(number, &f);
-            draws.block = f.block;
-            way.p = f.p;
-            direction = f.d;
+        if photon.state == STARTS {
+            let begun = start(photon.number, &f);
+            photon.weights = new_weights(begun.weight, 0u);
             if begun.how == MISSES {
-                w = new_weights(begun.weight, 0u);
                 share = MISSED;
-                state = NEXT;
+                photon.state = NEXT;
             } else if begun.how != SEARCHES {
-                var word = 0u;
                 if DRAWS_HERO {
-                    word = next4(&draws).x;
+                    photon.weights = new_weights(begun.weight, start_words(&f).x);
                 }
-                w = new_weights(begun.weight, word);
-                state = select(FLIGHT, HITS, begun.how == COLLIDES);
+                photon.state = select(FLIGHT, HITS, begun.how == COLLIDES);
             }
         }
-        let waits = state == OVER || state == STARTS;
-        for (var event = 0u; event < EVENTS && state > STARTS; event++) {
-            if state == FLIGHT {
-                way = set_out(way.p, direction * scene.inverse_h);
+        for (var event = 0u; event < EVENTS && photon.state > STARTS; event++) {
+            if photon.state != HITS {
+                share = fly_on(&photon, &f);
             }
-            if state != HITS {
-                score_direction = direction;
-                score_order = order;
-                let went = fly(&way, &w, &draws);
-                state = PAUSED;
-                if went == COLLIDED {
-                    state = HITS;
-                } else if went == LEFT {
-                    share = select(ESCAPED + way.face, UNSCATTERED, order == 0u);
-                    state = NEXT;
-                }
-            }
-            if state == HITS {
-                collisions += 1u;
-                let word = next4(&draws);
-                let before = unbiased(w);
-                w.value *= albedo_read(way.p, word.z);
-                let after = unbiased(w);
-                add_weight(&taken, before - after);
-                let top = largest(after);
-                state = FLIGHT;
-                if top <= 0.0 {
-                    state = NEXT;
-                } else if order >= scene.last {
-                    share = TRUNCATED;
-                    state = NEXT;
-                } else if scene.last == 0xffffffffu && top < ROULETTE {
-                    if unit(word.w) > SURVIVAL {
-                        add_weight(&lost, after);
-                        share = LOST;
-                        state = NEXT;
-                    } else {
-                        w.value *= 1.0 / SURVIVAL;
-                        add_weight(&lost, after - unbiased(w));
-                    }
-                }
-                order += 1u;
-                let polar = phase_sample(unit(word.x));
-                direction = rotate(direction, polar.x, polar.y, unit(word.y));
+            if photon.state == HITS {
+                share = collide(&photon, &f, &toll);
             }
         }
-        if state == NEXT && !waits {
-            if share != ABSORBED && share != LOST {
-                add_share(copy, share, unbiased(w));
-            }
-            end(number, order, share);
-            finished += 1u;
-            number += job.slots;
+        if photon.state == NEXT {
+            finish(&photon, &toll, share);
         }
     }
-    for (var c = 0u; c < CHANNELS; c++) {
-        count_wide(copy * WORDS + 2u * (3u * ABSORBED + c), taken[c]);
-        count_wide(copy * WORDS + 2u * (3u * LOST + c), lost[c]);
-    }
-    count_wide(copy * WORDS + COLLISIONS, vec2(collisions, 0u));
-    atomicAdd(&counters[copy * WORDS + FINISHED], finished);
-    photon.p = way.p;
-    photon.d = direction;
-    photon.depth = way.free;
-    photon.word = way.word;
-    photon.block = draws.block;
-    photon.number = number;
-    photon.state = state;
-    photon.order = order;
-    store_weights(&photon, w);
+    tell(&toll);
+    photon.flight = f;
     photons[slot] = photon;
+}
+
+// A flight, or a part of it; gives the share of the energy that the photon ends in, if it leaves.
+fn fly_on(photon: ptr<function, Photon>, f: ptr<function, Flight>) -> u32 {
+    score_direction = (*f).d;
+    score_order = (*photon).order;
+    let left = select((*f).depth, -1.0, (*photon).state == FLIGHT);
+    var way = Way((*f).p, (*f).d * scene.inverse_h, left, (*f).word, 0u);
+    var w = (*photon).weights;
+    var draws = Draws(scene.seed, (*f).index, (*f).block, 0u);
+    let went = fly(&way, &w, &draws);
+    (*photon).weights = w;
+    (*f).p = way.p;
+    (*f).depth = way.free;
+    (*f).word = way.word;
+    (*f).block = draws.block;
+    (*photon).state = select(select(PAUSED, NEXT, went == LEFT), HITS, went == COLLIDED);
+    return select(ESCAPED + way.face, UNSCATTERED, (*photon).order == 0u);
+}
+
+// Absorbs and scatters at a collision; gives the share of the energy that the photon ends in, if it does.
+fn collide(photon: ptr<function, Photon>, f: ptr<function, Flight>, toll: ptr<function, Toll>) -> u32 {
+    (*toll).collisions += 1u;
+    let word = start_words(f);
+    let before = unbiased((*photon).weights);
+    (*photon).weights.value *= albedo_read((*f).p, word.z);
+    let after = unbiased((*photon).weights);
+    // Rounded as the CPU rounds it, at each collision.
+    add_taken(toll, before - after);
+    let order = (*photon).order;
+    (*photon).order += 1u;
+    (*photon).state = FLIGHT;
+    let top = largest(after);
+    if top <= 0.0 {
+        (*photon).state = NEXT;
+    } else if order >= scene.last {
+        (*photon).state = NEXT;
+        return TRUNCATED;
+    } else if UNLIMITED && top < ROULETTE {
+        if unit(word.w) > SURVIVAL {
+            add_lost(toll, after);
+            (*photon).state = NEXT;
+            return LOST;
+        }
+        (*photon).weights.value *= 1.0 / SURVIVAL;
+        add_lost(toll, after - unbiased((*photon).weights));
+    }
+    let polar = phase_sample(unit(word.x));
+    (*f).d = rotate((*f).d, polar.x, polar.y, unit(word.y));
+    return ABSORBED;
 }

@@ -25,11 +25,6 @@ struct Way {
 var<private> score_direction: vec3<f32>;
 var<private> score_order: u32;
 
-// Sets out along v from p.
-fn set_out(p: vec3<f32>, v: vec3<f32>) -> Way {
-    return Way(p, v, -1.0, vec4(0u), 0u);
-}
-
 // A rounding number within [0, 1) from bits that nothing else reads.
 fn rounding(word: u32) -> f32 {
     return f32(word >> 8u) * (1.0 / 16777216.0);
@@ -38,11 +33,6 @@ fn rounding(word: u32) -> f32 {
 // The next of a sequence of words, for scores along a line.
 fn next_word(word: u32) -> u32 {
     return word * 747796405u + 2891336453u;
-}
-
-// The number of a face: -x +x -y +y -z +z.
-fn face_of(axis: i32, v: vec3<f32>) -> u32 {
-    return 2u * u32(axis) + u32(v[axis] > 0.0);
 }
 
 // A point of the box, just below its upper faces.

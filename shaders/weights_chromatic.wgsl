@@ -2,6 +2,9 @@
 // heuristic over the three that might have decided keeps every channel unbiased with bounded weights (Miller, Georgiev,
 // Jarosz, A null-scattering path integral formulation of light transport, SIGGRAPH 2019).
 
+// Whether a random word chooses the channel that decides on flights.
+const DRAWS_HERO = true;
+
 struct Weights {
     // Weight without the flights: what albedo, emission and roulette made of it.
     value: Spectrum,

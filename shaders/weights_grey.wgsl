@@ -1,5 +1,8 @@
 // Weights of photons whose channels have the same extinction.
 
+// Whether a random word chooses the channel that decides on flights.
+const DRAWS_HERO = false;
+
 struct Weights {
     value: Spectrum,
 }

@@ -6,6 +6,7 @@ use mcrt::backend::gpu::probe::Inputs;
 use mcrt::backend::gpu::scene::Constants;
 use mcrt::backend::gpu::sources::{ALL, KERNELS, read};
 use mcrt::backend::gpu::{angular, emit, gather, kernels, lights, map, path, shoot, single};
+use mcrt::result::{EXIT_FACES, Share};
 use std::collections::HashSet;
 use std::fs;
 use std::mem::offset_of;
@@ -127,8 +128,6 @@ fn layouts() -> Vec<Layout> {
         layout!("start", "Emitter", emit::Constants,
             step first colour count place distance axis cap faces scale below_x below_y rows width height spare),
         layout!("photons", "Job", shoot::Job, slots rounds unit spare),
-        layout!("photons", "Photon", shoot::Photon,
-            p order d state weight number absorbed block word at depth xi free_path hero spare),
         layout!("paths", "Job", path::Job,
             resolution first columns count number pixel rays slots steps background images slot end),
         layout!("paths", "Image", path::Image, pixel place),
@@ -161,4 +160,30 @@ fn structs_lie_in_memory_as_in_rust() {
             members.iter().map(|m| (m.name.as_deref().unwrap_or_default(), m.offset as usize)).collect();
         assert_eq!((shader, *span as usize), (rust, size), "{name} of {file}.wgsl");
     }
+}
+
+#[test]
+fn counters_are_numbered_as_in_rust() {
+    let text = read("counters").expect("it is there");
+    let number = |name: &str| -> usize {
+        let line = text.lines().find_map(|line| line.strip_prefix(&format!("const {name} = "))).expect(name);
+        line.trim_end_matches("u;").parse().expect(name)
+    };
+    let places = [
+        ("COPIES", shoot::COPIES),
+        ("WORDS", shoot::WORDS),
+        ("COLLISIONS", shoot::COLLISIONS),
+        ("FINISHED", shoot::FINISHED),
+        ("MISSED", Share::Missed.index()),
+        ("UNSCATTERED", Share::Unscattered.index()),
+        ("ABSORBED", Share::Absorbed.index()),
+        ("TRUNCATED", Share::Truncated.index()),
+        ("LOST", Share::Roulette.index()),
+        ("ESCAPED", EXIT_FACES[0].index()),
+    ];
+    for (name, place) in places {
+        assert_eq!(number(name), place, "{name}");
+    }
+    // Two words for each share and channel come before all else.
+    assert_eq!(shoot::COLLISIONS, 2 * 3 * Share::COUNT);
 }

@@ -61,9 +61,7 @@ impl Device {
             )),
         }
     }
-}
 
-impl Device {
     /// Gives an adapter up, as a driver does that crashes.
     pub fn lose(&self) {
         match self {
@@ -72,9 +70,7 @@ impl Device {
             Device::Gpu(gpu) => gpu.lose(),
         }
     }
-}
 
-impl Device {
     /// An image from what a run left in the voxels ([`cpu::gather::image`]).
     pub fn image(
         &self,

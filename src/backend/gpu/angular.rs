@@ -36,7 +36,7 @@ fn contract_by(gpu: &Gpu, towards: &Towards, harmonics: &[f32], inner: usize, mo
     let k = count(towards.order);
     let per_voxel = k * inner;
     let voxels = (most / per_voxel).max(1);
-    let kernel = gpu.kernel(Source::new(["angular", "harmonics"]))?;
+    let kernel = gpu.kernel(Source::new(["angular", "eye", "harmonics"]))?;
     // All harmonics of one l have the same.
     let moments: Vec<f32> = (0..=towards.order).map(|l| towards.moments[l * l]).collect();
     let eye = match towards.eye {

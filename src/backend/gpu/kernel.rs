@@ -125,6 +125,16 @@ pub fn parse(source: &Source) -> Result<(naga::Module, naga::valid::ModuleInfo)>
     Ok((module, info))
 }
 
+/// Bytes of a struct of a kernel, if it has that.
+#[cfg(test)]
+pub fn span(source: &Source, name: &str) -> Option<u64> {
+    let (module, _) = parse(source).expect("it is valid");
+    module.types.iter().find_map(|(_, kind)| match kind.inner {
+        naga::TypeInner::Struct { span, .. } if kind.name.as_deref() == Some(name) => Some(u64::from(span)),
+        _ => None,
+    })
+}
+
 impl Kernel {
     /// Compiles a kernel.
     pub fn new(device: &wgpu::Device, source: &Source) -> Result<Self> {

@@ -57,7 +57,7 @@ pub struct Image {
 }
 
 /// Bytes of `Path` of `shaders/paths.wgsl`, with three channels.
-const STATE: u64 = 304;
+const STATE: u64 = 288;
 /// View rays of a job at most.
 const RAYS: usize = 1 << 19;
 /// View rays under way at once: on a GPU, and on a processor that plays one.
@@ -131,6 +131,7 @@ impl<'a> Paths<'a> {
         let source = scene
             .source(&files)
             .with("PURPOSE", PATH)
+            .with("UNLIMITED", plan.orders == u32::MAX)
             .with("STARTS", paths.starts as u32)
             .with("WALKED", u8::from(paths.walked))
             .with("FAR_LIGHTS", connections.far.len() as u32)
@@ -270,9 +271,7 @@ impl<const C: usize> Passes<C> for Paths<'_> {
 fn flights(plan: &Plan) -> Track {
     let (mut track, tentatives) = if plan.lanes {
         let course = Course::new(plan, Scored::Nowhere, PATH);
-        let mut track = Track::by_events(&course);
-        track.files.push("weights_grey");
-        (track, if course.certain { 1 } else { TENTATIVES })
+        (Track::by_events(&course), if course.certain { 1 } else { TENTATIVES })
     } else {
         (Track::new(plan, 0), 1)
     };
@@ -284,14 +283,10 @@ fn flights(plan: &Plan) -> Track {
 /// The shader files of a plan, apart from those of its flights.
 fn files(plan: &Plan, connections: &Connections, glow: Option<&Glow>) -> Vec<&'static str> {
     let volume = &plan.scene.medium.volume;
-    let mut files = vec!["path", "paths", "primary", "camera", "connect", "light", "flight_state", "roulette"];
+    let mut files = vec!["path", "paths", "primary", "camera", "connect", "light", "flight_state", "face", "roulette"];
     files.push(if plan.lanes { "path_flights" } else { "path_tracker" });
     files.push(if plan.chromatic { "first_chromatic" } else { "first_grey" });
-    files.push(match (volume.is_constant(), volume.linear()) {
-        (true, _) => "reach_constant",
-        (_, false) => "reach_nearest",
-        (_, true) => "reach_linear",
-    });
+    files.push(if volume.is_constant() { "reach_constant" } else { "reach_voxels" });
     files.push(if connections.near.is_empty() { "near_none" } else { "near_lights" });
     files.extend(if connections.maps.is_empty() { &["maps_none"][..] } else { &["maps_some", "map"] });
     match glow {
@@ -374,7 +369,7 @@ fn image(place: &[f64; 2]) -> Image {
 
 #[cfg(test)]
 mod tests {
-    use super::super::kernel::parse;
+    use super::super::kernel::span;
     use super::super::kernels;
     use super::*;
     use crate::backend::Control;
@@ -385,13 +380,8 @@ mod tests {
 
     #[test]
     fn slots_hold_a_path() {
-        let spans = kernels().into_iter().filter(|kernel| kernel.files()[0] == "path").filter_map(|kernel| {
-            let (module, _) = parse(&kernel).expect("valid");
-            module.types.iter().find_map(|(_, kind)| match kind.inner {
-                naga::TypeInner::Struct { span, .. } if kind.name.as_deref() == Some("Path") => Some(u64::from(span)),
-                _ => None,
-            })
-        });
+        let spans = kernels().into_iter().filter(|kernel| kernel.files()[0] == "path");
+        let spans = spans.filter_map(|kernel| span(&kernel, "Path"));
         assert_eq!(spans.max(), Some(STATE));
     }
 

@@ -31,11 +31,14 @@ const EVENTS: u32 = 16;
 /// The same in flights, where photons are walked one by one.
 const FLIGHTS: u32 = 4;
 
-/// `COPIES` and so on of `shaders/counters.wgsl`.
-const COPIES: usize = 64;
-const WORDS: usize = 72;
-const COLLISIONS: usize = 66;
-const FINISHED: usize = 68;
+/// Copies of the counters in `shaders/counters.wgsl`.
+pub const COPIES: usize = 64;
+/// Words of a copy.
+pub const WORDS: usize = 72;
+/// Where real collisions are counted.
+pub const COLLISIONS: usize = 66;
+/// Where photons that are done are counted.
+pub const FINISHED: usize = 68;
 
 /// `Job` of `shaders/photons.wgsl`.
 #[repr(C)]
@@ -48,27 +51,8 @@ pub struct Job {
     pub spare: u32,
 }
 
-/// `Photon` of `shaders/photons.wgsl`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-#[expect(missing_docs, reason = "the shader names and describes them")]
-pub struct Photon {
-    pub p: [f32; 3],
-    pub order: u32,
-    pub d: [f32; 3],
-    pub state: u32,
-    pub weight: [f32; 3],
-    pub number: u32,
-    pub absorbed: [f32; 3],
-    pub block: u32,
-    pub word: [u32; 4],
-    pub at: [i32; 3],
-    pub depth: f32,
-    pub xi: f32,
-    pub free_path: f32,
-    pub hero: u32,
-    pub spare: u32,
-}
+/// Bytes of `Photon` of `shaders/photons.wgsl`, with all that it may hold.
+const PHOTON: u64 = 160;
 
 /// Shoots the photons of some emitters on a GPU.
 pub struct Shooting<'a> {
@@ -128,7 +112,7 @@ impl<'a> Shooting<'a> {
             majorants: gpu.buffer(&flights.majorants)?,
             scores: gpu.buffer(&flights.scores)?,
             job: gpu.uniform(&Job::zeroed())?,
-            photons: gpu.empty(u64::from(slots) * size_of::<Photon>() as u64)?,
+            photons: gpu.empty(u64::from(slots) * PHOTON)?,
             counters: gpu.empty((COPIES * WORDS * 4) as u64)?,
             fates: if watched > 0 { Some(gpu.empty(watched as u64 * 8)?) } else { None },
             tally: Tally::new(gpu, total)?,
@@ -144,8 +128,8 @@ impl<'a> Shooting<'a> {
     fn walk(&mut self, at: usize, photons: u64, halted: impl Fn() -> bool) -> Result<bool> {
         let (start, kernel, limit) = &self.emitters[at];
         let slots = self.slots.min(photons as u32);
-        let waiting: Vec<Photon> = (0..slots).map(|number| Photon { number, ..Photon::default() }).collect();
-        self.gpu.write(&self.photons, 0, &waiting);
+        // All slots are new.
+        self.gpu.clear(&self.photons);
         let mut bindings = self.scene.bindings();
         bindings.extend(start.bindings());
         bindings.extend([
@@ -242,15 +226,14 @@ impl Shooter for Shooting<'_> {
 fn flights(plan: &Plan) -> (Track, u32, u32) {
     let channels = plan.channels as u32;
     let score = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
-    let (mut track, files, events) = if plan.lanes {
+    let (mut track, file, events) = if plan.lanes {
         let voxels = plan.settings.fluence || plan.settings.radiance;
         let scored = if voxels { Scored::Everywhere } else { Scored::ForImages };
-        (Track::by_events(&Course::new(plan, scored, 0)), vec!["shoot"], EVENTS)
+        (Track::by_events(&Course::new(plan, scored, 0)), "shoot", EVENTS)
     } else {
-        let store = if plan.chromatic { "store_chromatic" } else { "store_grey" };
-        (Track::new(plan, if plan.layers.is_empty() { 0 } else { score }), vec!["shoot_one", store], FLIGHTS)
+        (Track::new(plan, if plan.layers.is_empty() { 0 } else { score }), "shoot_one", FLIGHTS)
     };
-    track.files.splice(0..0, files);
+    track.files.insert(0, file);
     track.constants.extend([("EVENTS", f64::from(events)), ("APART", f64::from(u8::from(!plan.lanes)))]);
     let iterations = track.iterations + score + channels;
     (track, events, iterations)
@@ -261,6 +244,8 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, widths:
     let mut files = flights.files.clone();
     files.extend([
         "flight_state",
+        "face",
+        "eye",
         "roulette",
         "photons",
         "counters",
@@ -281,6 +266,7 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, widths:
     let unscattered = if start.tallies_unscattered { plan.routes[0] } else { (None, None) };
     let source = scene
         .source(&files)
+        .with("UNLIMITED", plan.walked_orders() == u32::MAX)
         .with("ORDER", plan.harmonics.unwrap_or(0) as u32)
         .with("HATS", plan.scene.medium.volume.linear())
         .with("PLAIN_FIRST", first(unscattered.0))

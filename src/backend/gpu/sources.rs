@@ -50,6 +50,8 @@ shaders! {
     "emitted_rays"
     "end_fate"
     "end_nothing"
+    "eye"
+    "face"
     "first_chromatic"
     "first_grey"
     "flight"
@@ -67,6 +69,7 @@ shaders! {
     "glow_linear"
     "glow_nearest"
     "harmonics"
+    "integral"
     "interpolate"
     "light"
     "line"
@@ -96,8 +99,7 @@ shaders! {
     "primary"
     "probe"
     "reach_constant"
-    "reach_linear"
-    "reach_nearest"
+    "reach_voxels"
     "real"
     "rng"
     "roulette"
@@ -120,8 +122,6 @@ shaders! {
     "start_medium"
     "start_pencil"
     "start_point"
-    "store_chromatic"
-    "store_grey"
     "table"
     "tables"
     "tally"
@@ -144,7 +144,8 @@ shaders! { TESTS: "tests/glow" "tests/map" }
 shaders! { TESTS: }
 
 /// Files of every kernel.
-pub const COMMON: &[&str] = &["tables", "real", "wide", "rng", "line", "lookup", "flight", "frame", "phase"];
+pub const COMMON: &[&str] =
+    &["tables", "real", "wide", "rng", "line", "lookup", "integral", "flight", "frame", "phase"];
 
 /// Files of which the kind of scene chooses one from each row.
 pub const KINDS: &[&str] = &[
@@ -167,7 +168,7 @@ const TALLIES: &str = "tally_whole | tally_parts";
 const ENDS: &str = "end_fate | end_nothing";
 
 /// What paths are chosen by, however they fly.
-const REACHES: &str = "reach_constant | reach_nearest | reach_linear";
+const REACHES: &str = "reach_constant | reach_voxels";
 const NEARS: &str = "near_none | near_lights";
 const SKIES: &str = "maps_none | maps_some map";
 /// What the medium emits.
@@ -179,7 +180,7 @@ pub const KERNELS: &[&[&str]] = &[
     &["single light"],
     &["near light"],
     &[
-        "shoot flights flight_state roulette photons counters tally deposit harmonics start",
+        "shoot flights flight_state weights_grey face eye roulette photons counters tally deposit harmonics start",
         "flights_cells | flights_one",
         "turn_isotropic | turn_phase",
         "accept_all | accept_some",
@@ -189,8 +190,8 @@ pub const KERNELS: &[&[&str]] = &[
         TALLIES,
     ],
     &[
-        "shoot_one way flight_state roulette photons counters tally deposit harmonics start",
-        "weights_chromatic store_chromatic | weights_grey store_grey",
+        "shoot_one way flight_state face eye roulette photons counters tally deposit harmonics start",
+        "weights_chromatic | weights_grey",
         "score_deposit | score_nothing",
         "tracker_woodcock | tracker_analytic | tracker_march march_constant march_nearest | \
          tracker_march march_voxels march_nearest | tracker_march march_voxels march_linear",
@@ -210,7 +211,7 @@ pub const KERNELS: &[&[&str]] = &[
         SKIES,
     ],
     &[
-        "path path_tracker paths primary camera connect light flight_state roulette way score_nothing",
+        "path path_tracker paths primary camera connect light flight_state face roulette way score_nothing",
         "weights_chromatic first_chromatic emits_nothing | weights_grey first_grey emits_nothing | \
          weights_chromatic first_chromatic emits emitted_chromatic emission_1 | \
          weights_chromatic first_chromatic emits emitted_chromatic emission_3 | \
@@ -229,7 +230,7 @@ pub const KERNELS: &[&[&str]] = &[
         "source0_voxels | source0_none",
         "skip_blocks | skip_none",
     ],
-    &["angular harmonics"],
+    &["angular eye harmonics"],
     &["gather_glow gather_ray camera emitted_rays glow", EMISSIONS, GLOWS],
     &[
         "gather_mean gather_ray camera",
@@ -248,10 +249,7 @@ const NEVER: &[(&str, &str)] = &[
     ("march_voxels", "density_constant"),
     ("march_linear", "lookup_nearest"),
     ("reach_constant", "density_voxels"),
-    ("reach_nearest", "density_constant"),
-    ("reach_nearest", "lookup_linear"),
-    ("reach_linear", "density_constant"),
-    ("reach_linear", "lookup_nearest"),
+    ("reach_voxels", "density_constant"),
     ("glow_linear", "lookup_nearest"),
     ("glow_nearest", "lookup_linear"),
     ("cells_constant", "density_voxels"),

@@ -35,6 +35,7 @@ impl Track {
         let (block, cells, majorants) = course.majorants().unwrap_or((1.0, [1; 3], &[]));
         let files = vec![
             "flights",
+            "weights_grey",
             if majorants.is_empty() { "flights_one" } else { "flights_cells" },
             if course.phase.is_isotropic() { "turn_isotropic" } else { "turn_phase" },
             if course.certain { "accept_all" } else { "accept_some" },

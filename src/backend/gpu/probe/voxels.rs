@@ -301,11 +301,18 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
             let cell = voxel(i);
             about(1.0, local(i.p(), std::array::from_fn(|a| cell[a] - (i.w[a] & 1) as i32)))
         }));
-        let body = "let cell = vec3<i32>(w.xyz) - 1;\n    let goal = bitcast<f32>(w.w) / scene.texel;\n    \
-                    return vec4(invert(corners(density, cell), cell, a.xyz, b.xyz, a.w, b.w, goal));";
+    }
+    if !volume.is_constant() {
+        let file = if volume.linear() { "lookup_linear" } else { "lookup_nearest" };
+        let body = "let goal = bitcast<f32>(w.w) / scene.texel;\n    \
+                    return vec4(invert(density, vec3<i32>(w.xyz) - 1, a.xyz, b.xyz, a.w, b.w, goal));";
         // The search ends at 8 units of the way, and is as sure as the density is large there.
-        twins.push(Twin::new("lookup_linear", "invert", body, goals(&field)).single(16.0, move |i| {
+        twins.push(Twin::new(file, "invert", body, goals(&field)).single(16.0, move |i| {
             let cell = [0, 1, 2].map(|a| i.w[a] as i32 - 1);
+            if !field.linear() {
+                let t = i.a[3] + f32::from_bits(i.w[3]) / field.voxel(cell).max(1e-30);
+                return about(f64::from(i.b[3]), [t.min(i.b[3])]);
+            }
             let corners = field.corners(cell);
             let t = field.invert(&corners, cell, i.p(), i.v(), (i.a[3], i.b[3]), f32::from_bits(i.w[3]));
             let there = corners.at(local(along(i.p(), i.v(), t), cell));
@@ -330,14 +337,16 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
     twins
 }
 
-/// Lines through cells of interpolation from a.w to b.w, and what the integral along them is to reach.
+/// Lines through cells from a.w to b.w, and what the integral along them is to reach.
 fn goals(field: &Field) -> Vec<Inputs> {
+    // Cells of interpolation begin before the first voxel, in whose middle they end.
+    let (before, low) = if field.linear() { (1, 0.5) } else { (0, 0.0) };
     drawn(300, |u, w| {
-        let cell: [i32; 3] = std::array::from_fn(|a| (w[a] % (N[a] as u32 + 1)) as i32 - 1);
+        let cell: [i32; 3] = std::array::from_fn(|a| (w[a] % (N[a] as u32 + before)) as i32 - before as i32);
         let (t0, length) = (u[6], 0.5 + u[7]);
         // From one point of the cell to another.
         let v: [f32; 3] = std::array::from_fn(|a| (u[3 + a] - u[a]) / length);
-        let p: [f32; 3] = std::array::from_fn(|a| cell[a] as f32 + 0.5 + u[a] - v[a] * t0);
+        let p: [f32; 3] = std::array::from_fn(|a| cell[a] as f32 + low + u[a] - v[a] * t0);
         let goal = uniform(w[3]) * field.piece(cell, p, v, t0, t0 + length);
         let [i, j, k] = cell.map(|c| (c + 1) as u32);
         Inputs { a: [p[0], p[1], p[2], t0], b: [v[0], v[1], v[2], t0 + length], w: [i, j, k, goal.to_bits()] }

@@ -6,6 +6,8 @@ use crate::backend::cpu::shoot::{Engine, OneByOne, Task, Walk};
 use crate::backend::cpu::track::{Analytic, March, Woodcock};
 use crate::backend::gpu::adapter;
 use crate::backend::gpu::device::for_tests;
+use crate::backend::gpu::kernel::span;
+use crate::backend::gpu::kernels;
 use crate::backend::run::{illuminations, light_grids};
 use crate::physics::Phase;
 use crate::plan::{Method, Settings, Simd, Tracker};
@@ -268,4 +270,11 @@ fn sums_cross_32_and_64_bits() {
             assert!(shooting.bins().is_err_and(|e| e.to_string().contains("2^62")), "{preset:x}");
         }
     });
+}
+
+#[test]
+fn slots_hold_a_photon() {
+    let shoots = |kernel: &Source| kernel.files()[0].starts_with("shoot");
+    let spans = kernels().into_iter().filter(shoots).filter_map(|kernel| span(&kernel, "Photon"));
+    assert_eq!(spans.max(), Some(PHOTON));
 }

@@ -1,10 +1,10 @@
-// Where the column density along a line reaches a given one, between voxel centres.
+// Where the column density along a line reaches a given one, cell by cell.
 
 // The parameter within [0, end]; the end of the last cell that holds any density if it is not reached.
 fn reach(p: vec3<f32>, v: vec3<f32>, end: f32, wanted: f32) -> f32 {
-    let target_sum = wanted / scene.texel;
+    let goal = wanted / scene.texel;
     let stop = min(end, leave(p, v).t);
-    var walk = dda(p - 0.5, v, vec3(-1), scene.n);
+    var walk = cells(p, v);
     var t = 0.0;
     var sum = 0.0;
     var last = 0.0;
@@ -14,8 +14,8 @@ fn reach(p: vec3<f32>, v: vec3<f32>, end: f32, wanted: f32) -> f32 {
         let to = min(exit, stop);
         if to > t {
             let whole = piece(density, walk.cell, p, v, t, to);
-            if sum + whole > target_sum {
-                return invert(corners(density, walk.cell), walk.cell, p, v, t, to, max(target_sum - sum, 0.0));
+            if sum + whole > goal {
+                return invert(density, walk.cell, p, v, t, to, max(goal - sum, 0.0));
             }
             sum += whole;
             t = to;
