@@ -7,6 +7,9 @@ plays. The mark `cpu_only` says why one does not.
 import functools
 import glob
 import os
+import signal
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -60,17 +63,48 @@ def rgb(backend):
     return run(albedo=(0.9, 0.6, 0.3))
 
 
+def interrupted(start, after):
+    """Seconds from Ctrl-C, pressed so many seconds `after` the start, to its exception."""
+    sent = []
+
+    def press():
+        sent.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    timer = threading.Timer(after, press)
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            start()
+    finally:
+        timer.cancel()
+    return time.perf_counter() - sent[0]
+
+
 # ---------------------------------------------------------------------------------------- backends
 
 NO_ADAPTER = "no GPU adapter was found; mesa-vulkan-drivers holds one that any processor plays"
 
 
+def require(there, otherwise):
+    """Skips the test if something is not there, or fails it if MCRT_REQUIRE_GPU is set."""
+    if not there:
+        (pytest.fail if os.environ.get("MCRT_REQUIRE_GPU") else pytest.skip)(otherwise)
+
+
+@pytest.fixture(scope="session")
+def adapter():
+    """What backend="gpu" takes."""
+    found = mcrt._mcrt.info()["adapters"]
+    require(found, NO_ADAPTER)
+    return found[0]
+
+
 @pytest.fixture(scope="session", params=["cpu", "gpu"], autouse=True)
 def backend(request):
-    """What "auto" means meanwhile. Without an adapter the GPU's tests are skipped, or fail if
-    MCRT_REQUIRE_GPU is set."""
-    if request.param == "gpu" and not mcrt._mcrt.info()["adapters"]:
-        (pytest.fail if os.environ.get("MCRT_REQUIRE_GPU") else pytest.skip)(NO_ADAPTER)
+    """What "auto" means meanwhile."""
+    if request.param == "gpu":
+        request.getfixturevalue("adapter")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MCRT_BACKEND", request.param)
         yield request.param

@@ -2,6 +2,7 @@
 
 import functools
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -73,12 +74,14 @@ def assert_image(result, true, true_error=0.0, *, relative=2e-4, largest=None, w
     image, error = result if isinstance(result, tuple) else (result.image(), result.image_error())
     true = np.broadcast_to(np.asarray(true, float), image.shape)
     true_error = np.broadcast_to(true_error, image.shape)
-    truth.assert_z(image, true, error, true_error, relative=relative, what=what)
+    comparing.assert_z(image, true, error, true_error, relative=relative, what=what)
     pixels = tuple(range(2))  # by channel
     total = np.sqrt(np.sum(np.square(error, dtype=float), pixels)) / np.prod(image.shape[:2])
     spread = np.sqrt(np.sum(true_error**2, pixels)) / np.prod(image.shape[:2])
     mean = np.atleast_1d(image.mean(pixels, dtype=float))
-    truth.assert_z(mean, true.mean(pixels), total, spread, relative=relative, what=f"{what} mean")
+    comparing.assert_z(
+        mean, true.mean(pixels), total, spread, relative=relative, what=f"{what} mean"
+    )
     if largest is not None:
         assert np.all(total < largest * np.abs(mean)), f"{what}: {total / mean}"
 

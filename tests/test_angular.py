@@ -3,10 +3,10 @@
 False alarms: 1e-5 per assertion, about 30 assertions.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
-import truth
 
 EYES = [(70, -30, 30), (-50, -20, 15), (10, 90, -40), (12, 11, -60)]
 VIEWS = [mcrt.PerspectiveCamera(eye, (12, 11, 10), fov=35, resolution=(16, 16)) for eye in EYES]
@@ -44,8 +44,8 @@ def test_one_run_gives_the_images_of_runs_for_each_eye(phase, light, left_out):
         bright = own.image() > 0.05 * own.image().max()
         values = [r.image(view)[bright] for r in (one, own)]
         errors = [r.image_error(view)[bright] for r in (one, own)]
-        dof = truth.dof(own, "pixel")
-        truth.assert_z(*values, *errors, dof=dof, relative=1e-3 + 3 * left_out, what=view)
+        dof = comparing.dof(own, "pixel")
+        comparing.assert_z(*values, *errors, dof=dof, relative=1e-3 + 3 * left_out, what=view)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_means_over_images_are_exact_where_nothing_is_left_out(phase, angular):
             one = run(phase, angular=angular, camera=VIEWS[0], seed=seed, **options)
             own = run(phase, camera=view, seed=seed + 100, **options)
             ratios.append(one.image(view, "2+").sum() / own.image(view, "2+").sum())
-        truth.assert_mean(ratios, 1.0, what=view)
+        comparing.assert_mean(ratios, 1.0, what=view)
 
 
 def test_the_voxels_radiance_is_that_towards_the_eye():
@@ -70,10 +70,10 @@ def test_the_voxels_radiance_is_that_towards_the_eye():
         run(mcrt.Rayleigh(), angular=angular, camera=VIEWS[0], seed=seed)
         for seed, angular in enumerate(("sh", "auto"), 40)
     )
-    dof = min(truth.dof(one), truth.dof(own))
+    dof = min(comparing.dof(one), comparing.dof(own))
     for what in ("fluence", "radiance"):
         a, b, ea, eb = (getattr(r, what + e) for e in ("", "_error") for r in (one, own))
-        truth.assert_z(a, b, ea, eb, dof=dof, relative=1e-3, what=what)
+        comparing.assert_z(a, b, ea, eb, dof=dof, relative=1e-3, what=what)
 
 
 def test_a_beam_serves_every_camera():
@@ -97,7 +97,7 @@ def test_harmonics_are_kept_saved_and_merged(tmp_path):
     bare = run(phase, angular="sh", photons=3e5, errors=False, outputs=("image",), seed=3)
     full = run(phase, angular="sh", photons=3e5, seed=4)
     value, error = full.image(VIEWS[2]), full.image_error(VIEWS[2])
-    truth.assert_z(bare.image(VIEWS[2]), value, 1.5 * error, dof=truth.dof(full, "pixel"))
+    comparing.assert_z(bare.image(VIEWS[2]), value, 1.5 * error, dof=comparing.dof(full, "pixel"))
 
 
 def test_the_plan_picks_the_order_and_says_what_it_costs():

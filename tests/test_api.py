@@ -1,7 +1,5 @@
 """The interface does what its documentation says."""
 
-import os
-import signal
 import subprocess
 import sys
 import threading
@@ -10,7 +8,7 @@ import time
 import mcrt
 import numpy as np
 import pytest
-from conftest import ORIGIN, SHAPE, SPACING, camera, density, run
+from conftest import ORIGIN, SHAPE, SPACING, camera, density, interrupted, run
 
 VOXELS = ("fluence", "radiance", "absorbed")
 PHASES = [
@@ -265,22 +263,9 @@ def test_time_limit_stops_the_run():
     assert result.stats.stopped_by == "time_limit"
 
 
-@pytest.mark.cpu_only("test_gpu.py interrupts the GPU")
+@pytest.mark.cpu_only("test_gpu_trouble.py interrupts the GPU")
 def test_ctrl_c_interrupts_within_a_fifth_of_a_second():
-    sent = []
-
-    def interrupt():
-        sent.append(time.perf_counter())
-        os.kill(os.getpid(), signal.SIGINT)
-
-    timer = threading.Timer(0.5, interrupt)
-    timer.start()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run(photons=10**12)
-    finally:
-        timer.cancel()
-    assert time.perf_counter() - sent[0] < 0.2
+    assert interrupted(lambda: run(photons=10**12), after=0.5) < 0.2
 
 
 def test_other_threads_go_on_while_it_runs():

@@ -5,6 +5,7 @@ over what they test). 200 runs of 2000 photons, each compared with one long run 
 as many.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -43,18 +44,18 @@ def replicas(kind):
     for seed in range(SEEDS):
         run = scene(kind, photons=2000, seed=seed, threads=1)
         voxels.append(
-            truth.z_scores(
+            comparing.z_scores(
                 run.fluence, reference.fluence, run.fluence_error, reference.fluence_error, 0
             ).ravel()
         )
         pixels.append(
-            truth.z_scores(
+            comparing.z_scores(
                 run.image(), reference.image(), run.image_error(), reference.image_error(), 0
             ).ravel()
         )
     return {
-        "voxel": (np.array(voxels), truth.dof(run)),
-        "pixel": (np.array(pixels), truth.dof(run, "pixel")),
+        "voxel": (np.array(voxels), comparing.dof(run)),
+        "pixel": (np.array(pixels), comparing.dof(run, "pixel")),
     }
 
 
@@ -65,7 +66,7 @@ def test_z_scores_follow_students_t(of, kind):
     assert dof >= 7
     # Each voxel's 200 z-scores are independent of each other: a Kolmogorov-Smirnov test for each.
     p = np.array([stats.kstest(column, stats.t(dof).cdf).pvalue for column in z.T])
-    assert p.min() > truth.ALPHA / len(p), (
+    assert p.min() > comparing.ALPHA / len(p), (
         f"smallest p {p.min():.1e} of {len(p)}; mean z {z.mean():.3f}, var {z.var():.3f}"
     )
 
@@ -79,7 +80,7 @@ def test_error_bars_have_the_right_size(of, kind):
     z, dof = replicas(kind)[of]
     sample = (z**2).mean(1)
     expected = dof / (dof - 2)
-    bound = truth.limit(1, SEEDS - 1) * stats.sem(sample) + 0.1 * expected
+    bound = comparing.limit(1, SEEDS - 1) * stats.sem(sample) + 0.1 * expected
     assert abs(sample.mean() - expected) < bound, (
         f"mean z^2 {sample.mean():.3f} +- {stats.sem(sample):.3f}, {expected:.3f}"
     )
@@ -87,7 +88,7 @@ def test_error_bars_have_the_right_size(of, kind):
     # No bias: the mean z of a seed is 0 on average; skewness couples mean and error by some
     # hundredths.
     drift = z.mean(1)
-    assert abs(drift.mean()) < truth.limit(1, SEEDS - 1) * stats.sem(drift) + 0.1
+    assert abs(drift.mean()) < comparing.limit(1, SEEDS - 1) * stats.sem(drift) + 0.1
 
 
 def same(a, b):
@@ -134,7 +135,7 @@ def test_seeds_give_different_photons():
     # Neighbouring seeds are independent: no correlation of their z-scores.
     z, _ = replicas("directional")["voxel"]
     pairs = (z[:-1] * z[1:]).mean(1)
-    assert abs(pairs.mean()) < truth.limit(1, SEEDS - 2) * stats.sem(pairs) + 0.02
+    assert abs(pairs.mean()) < comparing.limit(1, SEEDS - 2) * stats.sem(pairs) + 0.02
 
 
 def test_merged_runs_weigh_by_their_photons():
@@ -156,18 +157,20 @@ def test_merged_runs_weigh_by_their_photons():
     for name in ("absorbed", "unscattered", "missed", "truncated"):
         mean = (n * getattr(a.energy, name) + m * getattr(b.energy, name)) / (n + m)
         assert getattr(merged.energy, name) == pytest.approx(mean, rel=1e-5, abs=1e-9)
-    assert truth.energy_sum(merged.energy) == pytest.approx(1, abs=max(1e-6, merged.energy.error))
+    assert comparing.energy_sum(merged.energy) == pytest.approx(
+        1, abs=max(1e-6, merged.energy.error)
+    )
     assert merged.energy.launched == a.energy.launched
 
 
 def test_merged_runs_agree_with_one_long_run():
     merged = scene("directional", photons=1e5, seed=3) + scene("directional", photons=3e5, seed=4)
     reference = scene("directional", photons=2e6, seed=10**6)
-    voxel, pixel = truth.dof(merged), truth.dof(merged, "pixel")
-    truth.assert_z(
+    voxel, pixel = comparing.dof(merged), comparing.dof(merged, "pixel")
+    comparing.assert_z(
         merged.fluence, reference.fluence, merged.fluence_error, reference.fluence_error, dof=voxel
     )
-    truth.assert_z(
+    comparing.assert_z(
         merged.image(), reference.image(), merged.image_error(), reference.image_error(), dof=pixel
     )
     single = scene("directional", photons=4e5, seed=5)

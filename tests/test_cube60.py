@@ -1,9 +1,9 @@
 """MCX's benchmark cube60. False alarms: 1e-5 per assertion, 3 assertions."""
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
-import truth
 
 PHOTONS = 3e5
 
@@ -27,11 +27,11 @@ def test_cube60_absorbs_as_mcx(tracker):
     )
     # 0.1769 as published, four digits; one photon's absorbed weight has a standard deviation below
     # 0.25.
-    truth.assert_z(result.energy.absorbed, 0.1769, np.hypot(0.25 / np.sqrt(PHOTONS), 5e-5))
+    comparing.assert_z(result.energy.absorbed, 0.1769, np.hypot(0.25 / np.sqrt(PHOTONS), 5e-5))
     # The absorbed power density integrates to the absorbed fraction, which is tallied by itself.
     assert np.asarray(result.absorbed, float).sum() == pytest.approx(
         result.energy.absorbed, rel=5e-3
     )
     assert result.energy.escaped["-z"] > 0.5 > 10 * result.energy.escaped["+z"]
     sides = [result.energy.escaped[face] for face in ("-x", "+x", "-y", "+y")]
-    truth.assert_z(sides, np.mean(sides), truth.fraction_error(np.mean(sides), PHOTONS))
+    comparing.assert_z(sides, np.mean(sides), comparing.fraction_error(np.mean(sides), PHOTONS))

@@ -8,6 +8,7 @@ assertions.
 
 import itertools
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -184,16 +185,16 @@ def test_equilibrium_is_uniform(medium, colour):
         seed=11,
         **MEDIA[medium],
     )
-    error, dof = result.fluence_error, truth.dof(result)
-    truth.assert_z(result.fluence, 4 * np.pi * radiance, error, dof=dof, what="fluence")
+    error, dof = result.fluence_error, comparing.dof(result)
+    comparing.assert_z(result.fluence, 4 * np.pi * radiance, error, dof=dof, what="fluence")
     assert np.median(error / (4 * np.pi * radiance)) < 0.03
-    truth.assert_z(
+    comparing.assert_z(
         result.radiance, albedo * radiance, result.radiance_error, dof=dof, what="radiance"
     )
     image, error = result.image() + result.image(order=0), result.image_error()
-    dof = truth.dof(result, "pixel")
-    truth.assert_z(image, radiance, error, dof=dof, relative=1e-3, what="image")
-    assert np.all(np.abs(truth.energy_sum(result.energy) - 1) <= 1e-6 + result.energy.error)
+    dof = comparing.dof(result, "pixel")
+    comparing.assert_z(image, radiance, error, dof=dof, relative=1e-3, what="image")
+    assert np.all(np.abs(comparing.energy_sum(result.energy) - 1) <= 1e-6 + result.energy.error)
 
 
 def test_equilibrium_is_uniform_in_spherical_harmonics_and_for_an_eye_inside():
@@ -209,8 +210,8 @@ def test_equilibrium_is_uniform_in_spherical_harmonics_and_for_an_eye_inside():
     )
     for view in (VIEW, INSIDE):
         image = result.image(view.camera()) + result.image(view.camera(), order=0)
-        error, dof = result.image_error(view.camera()), truth.dof(result, "pixel")
-        truth.assert_z(image, 1, error, dof=dof, relative=2e-3, what="image")
+        error, dof = result.image_error(view.camera()), comparing.dof(result, "pixel")
+        comparing.assert_z(image, 1, error, dof=dof, relative=2e-3, what="image")
 
 
 def test_equilibrium_with_an_albedo_per_voxel():
@@ -225,8 +226,8 @@ def test_equilibrium_with_an_albedo_per_voxel():
         light=mcrt.EnvironmentLight(1.0),
         photons=6e5,
     )
-    error, dof = result.fluence_error, truth.dof(result)
-    truth.assert_z(result.fluence, 4 * np.pi, error, dof=dof)
+    error, dof = result.fluence_error, comparing.dof(result)
+    comparing.assert_z(result.fluence, 4 * np.pi, error, dof=dof)
 
 
 # ------------------------------------------------------------------------------- power and fluence
@@ -259,8 +260,8 @@ def test_deep_in_a_thick_absorber_fluence_is_emission_over_absorption():
     )
     middle = (slice(3, 6),) * 3
     expected = 4 * np.pi * 0.6 / (8.0 * 0.5)
-    error, dof = result.fluence_error[middle], truth.dof(result)
-    truth.assert_z(result.fluence[middle], expected, error, dof=dof, relative=2e-4)
+    error, dof = result.fluence_error[middle], comparing.dof(result)
+    comparing.assert_z(result.fluence[middle], expected, error, dof=dof, relative=2e-4)
 
 
 def test_a_shining_void_is_as_bright_as_it_is_long():
@@ -290,10 +291,10 @@ def test_lights_and_emission_add_up():
     one, two = run(cloud(), emission=0.5, seed=1), run(cloud(), light=light, seed=2)
     error = np.hypot(one.fluence_error, two.fluence_error)
     total = one.fluence + two.fluence
-    truth.assert_z(both.fluence, total, both.fluence_error, error, dof=truth.dof(one))
+    comparing.assert_z(both.fluence, total, both.fluence_error, error, dof=comparing.dof(one))
     error = np.hypot(one.image_error(), two.image_error())
     total = one.image() + two.image()
-    truth.assert_z(both.image(), total, both.image_error(), error, dof=15, relative=1e-3)
+    comparing.assert_z(both.image(), total, both.image_error(), error, dof=15, relative=1e-3)
 
 
 def test_single_is_emitted_light_and_light_scattered_once():
@@ -304,10 +305,10 @@ def test_single_is_emitted_light_and_light_scattered_once():
         single.image(), single.image(order=1) + single.image(order="emission"), rtol=1e-6
     )
     error = np.hypot(single.image_error(), photon.image_error())
-    truth.assert_z(single.image(order=1), photon.image(order=1), error, dof=15, relative=1e-3)
+    comparing.assert_z(single.image(order=1), photon.image(order=1), error, dof=15, relative=1e-3)
     more = run(cloud(), seed=2, max_scatterings=1, **arguments)
     error = np.hypot(single.image_error(), more.image_error())
-    truth.assert_z(single.image(), more.image(), error, dof=15, relative=1e-3)
+    comparing.assert_z(single.image(), more.image(), error, dof=15, relative=1e-3)
 
 
 def test_without_scatterings_emission_is_seen_and_nothing_else():

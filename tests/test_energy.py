@@ -5,6 +5,7 @@ Fractions carry the bound sqrt(p (1 - p) / N) as their standard error.
 
 import itertools
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_energy_of_each_light_adds_up(kind, max_scatterings, interpolation):
     energy = run(light=light(), max_scatterings=max_scatterings, interpolation=interpolation).energy
     assert energy.launched == pytest.approx(launched, rel=1e-5)
     assert set(energy.escaped) == set(FACES)
-    assert truth.energy_sum(energy) == pytest.approx(1, abs=max(1e-6, energy.error))
+    assert comparing.energy_sum(energy) == pytest.approx(1, abs=max(1e-6, energy.error))
     assert 0 <= energy.error < 5e-3
     assert all(
         v >= 0
@@ -74,7 +75,7 @@ def test_energy_of_each_light_adds_up(kind, max_scatterings, interpolation):
     assert (energy.truncated > 1e-4) == (max_scatterings is not None)
     assert max_scatterings is None or energy.roulette == 0
     missed = 1 - truth.solid_angle(POINT, SIZE) / (4 * np.pi) if kind == "point" else 0.0
-    truth.assert_z(energy.missed, missed, truth.fraction_error(missed, 1e5), relative=2e-3)
+    comparing.assert_z(energy.missed, missed, comparing.fraction_error(missed, 1e5), relative=2e-3)
 
 
 @pytest.mark.parametrize("kind", ["point", "environment"])
@@ -87,7 +88,7 @@ def test_energy_of_each_channel_adds_up(kind):
     energy = run(light=light, extinction=(0.5, 1.5, 5.0), albedo=(0.9, 0.5, 0.99)).energy
     np.testing.assert_allclose(energy.launched, launched, rtol=1e-5)
     assert energy.absorbed.shape == (3,)
-    assert np.all(np.abs(truth.energy_sum(energy) - 1) <= np.maximum(1e-6, energy.error))
+    assert np.all(np.abs(comparing.energy_sum(energy) - 1) <= np.maximum(1e-6, energy.error))
     assert np.all(np.asarray(energy.error) < 0.05)
 
 
@@ -95,7 +96,7 @@ def test_light_that_misses_is_missed():
     away = mcrt.PencilBeam((-1, 1, 1), (-1, 0, 0), 3.0)
     result = run(light=away)
     assert result.energy.missed == pytest.approx(1, abs=1e-6)
-    assert truth.energy_sum(result.energy) == pytest.approx(1, abs=1e-6)
+    assert comparing.energy_sum(result.energy) == pytest.approx(1, abs=1e-6)
     assert np.all(result.fluence == 0)
     assert np.all(result.image() == 0)
 
@@ -106,11 +107,11 @@ def test_vacuum_scatters_nothing():
     )
     assert result.energy.unscattered == pytest.approx(1, abs=1e-6)
     true = 3 * truth.ray_fluence(np.zeros(SHAPE), SPACING, (-1, 1.1, 2.2), (1, 0.1, 0.2))
-    truth.assert_z(
+    comparing.assert_z(
         result.fluence,
         true,
         result.fluence_error + 2e-4 * true.max(),
-        dof=truth.dof(result),
+        dof=comparing.dof(result),
         relative=1e-3,
     )
 
@@ -121,19 +122,22 @@ def test_lights_add_up():
     photons = 2e5
     alone = [run(light=light, photons=photons, seed=83 + i) for i, light in enumerate(lights)]
     together = run(light=lights, photons=3 * photons, seed=86)
-    truth.assert_z(
+    comparing.assert_z(
         together.fluence,
         sum(r.fluence.astype(float) for r in alone),
         together.fluence_error,
         np.sqrt(sum(r.fluence_error.astype(float) ** 2 for r in alone)),
-        dof=min(truth.dof(r) for r in (together, *alone)),
+        dof=min(comparing.dof(r) for r in (together, *alone)),
         relative=1e-3,
     )
     launched = sum(LIGHTS[name][1] for name in names)
     assert together.energy.launched == pytest.approx(launched, rel=1e-5)
     absorbed = sum(r.energy.absorbed * r.energy.launched for r in alone) / launched
-    truth.assert_z(
-        together.energy.absorbed, absorbed, truth.fraction_error(absorbed, photons), relative=2e-3
+    comparing.assert_z(
+        together.energy.absorbed,
+        absorbed,
+        comparing.fraction_error(absorbed, photons),
+        relative=2e-3,
     )
 
 
@@ -150,7 +154,9 @@ def test_light_scattered_forward_escapes_by_the_face_ahead(face):
         outputs=["fluence"],
     )
     unscattered = np.exp(-1.5 * SIZE[axis])
-    truth.assert_z(result.energy.unscattered, unscattered, truth.fraction_error(unscattered, 1e5))
+    comparing.assert_z(
+        result.energy.unscattered, unscattered, comparing.fraction_error(unscattered, 1e5)
+    )
     assert result.energy.escaped[face] == pytest.approx(1 - result.energy.unscattered, abs=3e-4)
 
 
@@ -173,8 +179,8 @@ def test_more_light_escapes_by_the_face_with_less_medium_before_it():
         ("-z", "+z"),
         ("+z", "+z"),
     ):
-        error = truth.fraction_error(a.escaped[one], 1e5)
-        truth.assert_z(b.escaped[other], a.escaped[one], error, error, what=one)
+        error = comparing.fraction_error(a.escaped[one], 1e5)
+        comparing.assert_z(b.escaped[other], a.escaped[one], error, error, what=one)
 
 
 # ---- orders
@@ -190,7 +196,7 @@ def test_no_scattering_leaves_order_0():
     true = truth.fluence_of_order_0(
         truth.Point(POINT, 100.0), 1.5 * cloud().astype(float), SPACING, True
     )
-    assert truth.relative_rms(result.fluence, true) < 0.02
+    assert comparing.relative_rms(result.fluence, true) < 0.02
     assert np.all(result.image() == 0)
     assert np.all(result.radiance == 0)
     assert sum(energy.escaped.values()) == pytest.approx(0, abs=1e-6)
@@ -207,8 +213,8 @@ def test_radiance_holds_one_order_more_than_fluence_of_isotropic_scattering(n):
     # orders 1..n of the radiance come from incident orders 0..n-1
     a, b = capped(n), run(photons=2e5, max_scatterings=n - 1, phase=mcrt.Isotropic(), seed=90)
     factor = 0.8 / (4 * np.pi)
-    dof = min(truth.dof(a), truth.dof(b))
-    truth.assert_z(
+    dof = min(comparing.dof(a), comparing.dof(b))
+    comparing.assert_z(
         a.radiance,
         factor * b.fluence,
         a.radiance_error,
@@ -246,15 +252,15 @@ def test_capped_forward_scattering_truncates_the_poisson_tail():
     ).energy
     truncated = 0.8 ** (n + 1) * stats.poisson.sf(n, tau)
     escaped = sum(stats.poisson.pmf(k, tau) * 0.8**k for k in (1, 2))
-    truth.assert_z(
-        energy.truncated, truncated, truth.fraction_error(truncated, photons), what="truncated"
+    comparing.assert_z(
+        energy.truncated, truncated, comparing.fraction_error(truncated, photons), what="truncated"
     )
-    truth.assert_z(
-        energy.escaped["+z"], escaped, truth.fraction_error(escaped, photons), what="escaped"
+    comparing.assert_z(
+        energy.escaped["+z"], escaped, comparing.fraction_error(escaped, photons), what="escaped"
     )
     absorbed = 1 - truncated - escaped - np.exp(-tau)
-    truth.assert_z(
-        energy.absorbed, absorbed, truth.fraction_error(absorbed, photons), what="absorbed"
+    comparing.assert_z(
+        energy.absorbed, absorbed, comparing.fraction_error(absorbed, photons), what="absorbed"
     )
 
 
@@ -270,10 +276,10 @@ def test_orders_of_the_image_add_up(n):
 def test_absorbed_density_integrates_to_the_absorbed_energy():
     result = run(photons=4e5, interpolation="nearest")
     total = np.asarray(result.absorbed, float).sum() * np.prod(SPACING) / result.energy.launched
-    truth.assert_z(
+    comparing.assert_z(
         total,
         result.energy.absorbed,
-        2 * truth.fraction_error(result.energy.absorbed, 4e5),
+        2 * comparing.fraction_error(result.energy.absorbed, 4e5),
         relative=3e-3,
     )
     np.testing.assert_allclose(result.absorbed, 0.2 * 1.5 * cloud() * result.fluence, rtol=1e-5)

@@ -4,6 +4,7 @@ Truths are quadratures over directions of the bilinear map, written here a secon
 alarms: 1e-5 per assertion (Bonferroni over voxels, pixels and channels), about 60 assertions.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -110,13 +111,13 @@ def test_white_furnace_of_a_map_is_uniform(shape, interpolation):
         photons=4e5,
         seed=3,
     )
-    error, dof = result.fluence_error, truth.dof(result)
-    truth.assert_z(result.fluence, 4 * np.pi, error, dof=dof, what="fluence")
+    error, dof = result.fluence_error, comparing.dof(result)
+    comparing.assert_z(result.fluence, 4 * np.pi, error, dof=dof, what="fluence")
     assert np.median(error) < 0.03 * 4 * np.pi
     np.testing.assert_allclose(result.energy.launched, np.pi * truth.surface(SIZE), rtol=1e-5)
     image = result.image() + result.image(order=0)
-    error, dof = result.image_error(), truth.dof(result, "pixel")
-    truth.assert_z(image, 1, error, dof=dof, relative=1e-3, what="image")
+    error, dof = result.image_error(), comparing.dof(result, "pixel")
+    comparing.assert_z(image, 1, error, dof=dof, relative=1e-3, what="image")
 
 
 # ---------------------------------------------------------------------------- what enters a volume
@@ -129,8 +130,8 @@ def test_fluence_in_a_void_is_the_integral_of_the_map(channels):
     d, weight = sphere(500)
     total = weight * radiance(texels, d).sum(0)
     total = total[0] if channels == 1 else total
-    truth.assert_z(
-        result.fluence, total, result.fluence_error, dof=truth.dof(result), relative=1e-3
+    comparing.assert_z(
+        result.fluence, total, result.fluence_error, dof=comparing.dof(result), relative=1e-3
     )
     assert np.all(np.abs(result.energy.unscattered - 1) <= 1e-6 + result.energy.error)
 
@@ -149,8 +150,8 @@ def test_fluence_in_a_pure_absorber_is_the_attenuated_map():
             _, way = truth.box_interval(np.broadcast_to(place[::-1], d.shape), d, size)
             seen = (sent * np.exp(-sigma * way[:, None])).sum(0)
             expected[k, j, i] += np.prod(w[list(at)]) / 8 * seen
-    truth.assert_z(
-        result.fluence, expected, result.fluence_error, dof=truth.dof(result), relative=2e-3
+    comparing.assert_z(
+        result.fluence, expected, result.fluence_error, dof=comparing.dof(result), relative=2e-3
     )
     assert np.median(result.fluence_error / expected) < 0.02
     np.testing.assert_allclose(result.energy.launched, launched(texels, size), rtol=1e-4)
@@ -166,12 +167,12 @@ def test_a_bright_texel_is_a_directional_light():
     irradiance = 1e4 * np.sin(theta) * (np.pi / 256) * (2 * np.pi / 512)
     sun = mcrt.DirectionalLight(np.negative(to_sky), irradiance)
     a, b = run(cloud(), texels, photons=1e6), run(cloud(), light=sun, photons=1e6, seed=1)
-    truth.assert_z(
+    comparing.assert_z(
         a.fluence,
         b.fluence,
         a.fluence_error,
         b.fluence_error,
-        dof=truth.dof(b),
+        dof=comparing.dof(b),
         relative=0.01,
         what="fluence",
     )
@@ -203,7 +204,7 @@ def test_energy_of_a_map_adds_up(channels, extinction):
     expected = launched(texels, SIZE)
     expected = np.broadcast_to(expected, 3) if np.ndim(result.energy.launched) else expected[0]
     np.testing.assert_allclose(result.energy.launched, expected, rtol=1e-4)
-    assert np.all(np.abs(truth.energy_sum(result.energy) - 1) <= 1e-6 + result.energy.error)
+    assert np.all(np.abs(comparing.energy_sum(result.energy) - 1) <= 1e-6 + result.energy.error)
     # every photon weighs the same, or the same in all channels together
     assert np.all(result.energy.error < (1e-6 if np.ndim(expected) == 0 else 0.01))
 
@@ -213,12 +214,12 @@ def test_channels_of_a_map_are_maps_of_their_own():
     all_three = run(cloud(), texels, photons=1e6)
     for c in range(3):
         one = run(cloud(), texels[..., c], seed=7 + c)
-        truth.assert_z(
+        comparing.assert_z(
             all_three.fluence[..., c],
             one.fluence,
             all_three.fluence_error[..., c],
             one.fluence_error,
-            dof=truth.dof(one),
+            dof=comparing.dof(one),
             relative=1e-3,
         )
 
@@ -228,7 +229,7 @@ def test_single_and_photon_agree_on_light_scattered_once():
     single = run(cloud(), texels, method="single", phase=mcrt.HenyeyGreenstein(0.3))
     photon = run(cloud(), texels, seed=1, phase=mcrt.HenyeyGreenstein(0.3))
     error = np.hypot(single.image_error(), photon.image_error())  # all orders: not too small
-    truth.assert_z(single.image(), photon.image(order=1), error, dof=15, relative=1e-3)
+    comparing.assert_z(single.image(), photon.image(order=1), error, dof=15, relative=1e-3)
 
 
 # ------------------------------------------------------------------------------ what is seen of it
@@ -243,7 +244,7 @@ def assert_background(result, view, texels, extinction, size, sub=24):
     image = result.image(view.camera(), order=0)
     image = image[..., None] if image.ndim == 2 else image
     np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=0.05, atol=0.1)
-    assert truth.relative_rms(image, expected) < 0.025
+    assert comparing.relative_rms(image, expected) < 0.025
 
 
 @pytest.mark.parametrize("axis", AXES)

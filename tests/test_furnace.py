@@ -7,6 +7,7 @@ share photons). Path lengths: each run's mean over the volume is one sample of a
 over the independent runs.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -69,10 +70,10 @@ def furnace(medium, phase, view=VIEW, extinction=2.0, photons=2e5):
 
 def assert_unit_radiance(result, view):
     """The scattered light of every pixel makes up for what the background lost: image = alpha."""
-    alpha, dof = result.alpha(view.camera()), truth.dof(result, "pixel")
+    alpha, dof = result.alpha(view.camera()), comparing.dof(result, "pixel")
     image, error = result.image(view.camera()), result.image_error(view.camera())
     seen = alpha > 1e-3
-    truth.assert_z(image[seen], alpha[seen], error[seen], dof=dof, relative=1e-3, what="image")
+    comparing.assert_z(image[seen], alpha[seen], error[seen], dof=dof, relative=1e-3, what="image")
     assert np.all(np.abs(image[~seen]) < 2e-3)
     np.testing.assert_allclose(result.image(view.camera(), order=0), 1 - alpha, atol=1e-5)
     assert np.median(error[seen] / alpha[seen]) < 0.05
@@ -83,17 +84,17 @@ def assert_unit_radiance(result, view):
 def test_white_furnace_is_uniform(medium, phase):
     result = furnace(medium, phase)
     assert result.fluence.shape == SHAPE
-    truth.assert_z(
-        result.fluence, 4 * np.pi, result.fluence_error, dof=truth.dof(result), what="fluence"
+    comparing.assert_z(
+        result.fluence, 4 * np.pi, result.fluence_error, dof=comparing.dof(result), what="fluence"
     )
     assert np.median(result.fluence_error) < 0.03 * 4 * np.pi
     # radiance of a voxel = albedo * integral of P L = 1
-    truth.assert_z(
-        result.radiance, 1, result.radiance_error, dof=truth.dof(result), what="radiance"
+    comparing.assert_z(
+        result.radiance, 1, result.radiance_error, dof=comparing.dof(result), what="radiance"
     )
     assert result.energy.launched == pytest.approx(np.pi * truth.surface(SIZE), rel=1e-6)
     assert result.energy.absorbed == pytest.approx(0, abs=1e-6)
-    assert truth.energy_sum(result.energy) == pytest.approx(1, abs=1e-6 + result.energy.error)
+    assert comparing.energy_sum(result.energy) == pytest.approx(1, abs=1e-6 + result.energy.error)
 
 
 @pytest.mark.parametrize("phase", PHASES)
@@ -115,7 +116,7 @@ def test_mean_path_length_is_four_volumes_over_surface(medium):
     # function
     power = np.pi * truth.surface(SIZE)
     path = [furnace(medium, p).fluence.sum(dtype=float) * np.prod(SPACING) / power for p in PHASES]
-    truth.assert_mean(path, truth.mean_chord(SIZE))
+    comparing.assert_mean(path, truth.mean_chord(SIZE))
 
 
 def test_mean_path_length_of_all_runs_is_four_volumes_over_surface():
@@ -126,7 +127,7 @@ def test_mean_path_length_of_all_runs_is_four_volumes_over_surface():
         for p in PHASES
     ]
     assert np.std(path, ddof=1) < 0.02 * truth.mean_chord(SIZE)
-    truth.assert_mean(path, truth.mean_chord(SIZE))
+    comparing.assert_mean(path, truth.mean_chord(SIZE))
 
 
 @pytest.mark.parametrize(
@@ -136,8 +137,8 @@ def test_mean_path_length_of_all_runs_is_four_volumes_over_surface():
 def test_white_furnace_is_uniform_in_every_channel_of_a_chromatic_medium(medium, phase):
     result = furnace(medium, phase, extinction=(0.5, 2.0, 6.0), photons=4e5)
     assert result.fluence.shape == (*SHAPE, 3)
-    truth.assert_z(
-        result.fluence, 4 * np.pi, result.fluence_error, dof=truth.dof(result), what="fluence"
+    comparing.assert_z(
+        result.fluence, 4 * np.pi, result.fluence_error, dof=comparing.dof(result), what="fluence"
     )
     assert np.median(result.fluence_error) < 0.05 * 4 * np.pi
     assert_unit_radiance(result, VIEW)

@@ -6,6 +6,7 @@ absorption, sqrt(p (1 - p) / N) for a fraction and sqrt(<r^2n> - <r^n>^2) / sqrt
 weights only lower them.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def test_absorption_within_a_radius_is_that_of_an_infinite_medium(radius, true):
     assert truth.infinite_absorbed(radius, ALBEDO) == pytest.approx(true, abs=1e-7)
     value = truth.within_ball(np.asarray(diffusing().absorbed, float), H, CENTRE, radius)
     # 0.1 %: voxels cut by the sphere (0.07 % at radius 1, measured on the exact voxel means).
-    truth.assert_z(value, true, truth.fraction_error(true, PHOTONS), relative=1e-3)
+    comparing.assert_z(value, true, comparing.fraction_error(true, PHOTONS), relative=1e-3)
 
 
 @pytest.mark.parametrize(("r", "true"), [(1, 0.1432839), (2, 0.0371264), (5, 0.002915125)])
@@ -61,8 +62,11 @@ def test_fluence_at_a_distance_is_that_of_case_de_hoffmann_and_placzek(r, true):
     ).sum(-1)
     ratio = diffusing().fluence[shell].sum(dtype=float) / mean.sum()
     absorbed = (1 - ALBEDO) * mean.sum() * H**3
-    truth.assert_z(
-        ratio * true, true, truth.fraction_error(absorbed, PHOTONS) / absorbed * true, relative=5e-4
+    comparing.assert_z(
+        ratio * true,
+        true,
+        comparing.fraction_error(absorbed, PHOTONS) / absorbed * true,
+        relative=5e-4,
     )
 
 
@@ -77,7 +81,7 @@ def test_fluence_around_the_light_is_spherical():
     ]
     middle = [np.take(absorbed, CELLS // 2, axis).sum() for axis in range(3)]
     true = (absorbed.sum() - np.mean(middle)) / 2 * H**3
-    truth.assert_z(np.array(share) * H**3, true, truth.fraction_error(true, PHOTONS))
+    comparing.assert_z(np.array(share) * H**3, true, comparing.fraction_error(true, PHOTONS))
 
 
 @pytest.mark.parametrize(
@@ -110,9 +114,11 @@ def test_moments_of_absorption_follow_the_legendre_moments(phase, g1, g2, cells,
     true2, true4 = truth.moments(sigma_a, sigma_s, g1, g2)
     # 0.1 %: what Sheppard's corrections leave of the light's 1/r^2 (0.08 %, measured on exact voxel
     # means).
-    truth.assert_z(r2, true2, np.sqrt((true4 - true2**2) / photons), relative=1e-3, what="<r^2>")
+    comparing.assert_z(
+        r2, true2, np.sqrt((true4 - true2**2) / photons), relative=1e-3, what="<r^2>"
+    )
     # <r^8> / <r^4>^2 is 25 where the density falls as exp(-r / l) / r.
-    truth.assert_z(r4, true4, np.sqrt(24 / photons) * true4, relative=1e-3, what="<r^4>")
+    comparing.assert_z(r4, true4, np.sqrt(24 / photons) * true4, relative=1e-3, what="<r^4>")
     assert np.asarray(result.absorbed, float).sum() * h**3 == pytest.approx(
         result.energy.absorbed, rel=3e-3
     )

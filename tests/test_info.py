@@ -7,12 +7,19 @@ import sys
 
 import mcrt
 import pytest
+from conftest import require
 from mcrt import _info
 
 pytestmark = pytest.mark.cpu_only("looks for adapters, with drivers of its own")
 
 LAVAPIPE = glob.glob("/usr/share/vulkan/icd.d/lvp_icd.*.json")
-needs_lavapipe = pytest.mark.skipif(not LAVAPIPE, reason="mesa-vulkan-drivers is not installed")
+
+
+@pytest.fixture
+def lavapipe():
+    """Drivers by which the processor plays a GPU."""
+    require(LAVAPIPE, "mesa-vulkan-drivers is not installed; make vulkan installs it")
+    return LAVAPIPE[0]
 
 
 def python(*arguments, drivers):
@@ -32,9 +39,8 @@ def test_info_without_adapters():
     assert "formulas" not in shown
 
 
-@needs_lavapipe
-def test_info_with_a_processor_that_plays_a_gpu():
-    shown = python("-m", "mcrt", "info", drivers=LAVAPIPE[0])
+def test_info_with_a_processor_that_plays_a_gpu(lavapipe):
+    shown = python("-m", "mcrt", "info", drivers=lavapipe)
     assert "llvmpipe" in shown
     assert "software; vulkan" in shown
     assert '"auto" takes the CPU, for the adapter is only a processor' in shown
@@ -42,11 +48,10 @@ def test_info_with_a_processor_that_plays_a_gpu():
     assert "functions agree with the CPU" in shown
 
 
-@needs_lavapipe
-def test_import_touches_no_gpu():
+def test_import_touches_no_gpu(lavapipe):
     loaded = "'libvulkan' in open('/proc/self/maps').read()"
     script = f"import mcrt; assert not {loaded}; mcrt._mcrt.probe(); assert {loaded}"
-    python("-c", script, drivers=LAVAPIPE[0])
+    python("-c", script, drivers=lavapipe)
 
 
 ADAPTER = {

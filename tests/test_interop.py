@@ -6,9 +6,11 @@ The truths are quadrature or closed forms, not images of ours (those are compare
 
 from dataclasses import replace
 
+import comparing
 import mcrt
 import mitsuba as mi
 import mitsuba_cases as suite
+import mitsuba_reference
 import numpy as np
 import pytest
 import truth
@@ -42,7 +44,7 @@ LIGHTS = {
 
 @pytest.fixture(autouse=True)
 def variant():
-    suite.select_variant(rgb=True)
+    mitsuba_reference.select_variant(rgb=True)
 
 
 def camera(view):
@@ -88,12 +90,12 @@ def render(scene, spp=2048, seeds=24):
 def assert_images(images, true, what):
     error = images.std(0, ddof=1) / np.sqrt(len(images))
     lit = true > 0.02 * true.max()
-    truth.assert_z(
+    comparing.assert_z(
         images.mean(0)[lit], true[lit], error[lit], dof=len(images) - 1, relative=3e-4, what=what
     )
     means = images.mean((1, 2))  # no noise but Mitsuba's; edges of the box in the truth's pixels
     scale = true.mean()
-    truth.assert_z(
+    comparing.assert_z(
         means.mean(),
         scale,
         stats.sem(means),
@@ -182,8 +184,8 @@ def test_albedo_per_voxel():
         return image.reshape(6, 16, 8, 16).mean((1, 3))
 
     true, other = ours(albedo), ours(albedo[::-1])
-    assert truth.relative_rms(images.mean(0), true) < 0.01
-    assert truth.relative_rms(images.mean(0), other) > 0.1
+    assert comparing.relative_rms(images.mean(0), true) < 0.01
+    assert comparing.relative_rms(images.mean(0), other) > 0.1
 
 
 def test_camera_inside():
@@ -224,7 +226,9 @@ def test_ray_epsilon_takes_little(origin, unit, bias):
         max_scatterings=1,
     )
     means = render(scene).mean((1, 2))
-    truth.assert_z(means.mean(), true.mean(), stats.sem(means), dof=len(means) - 1, relative=bias)
+    comparing.assert_z(
+        means.mean(), true.mean(), stats.sem(means), dof=len(means) - 1, relative=bias
+    )
 
 
 def test_result_plan_and_arguments_are_one_scene():
@@ -271,7 +275,7 @@ def test_arguments_beside_a_plan_are_an_error():
 
 
 def test_variants():
-    suite.select_variant(rgb=False)
+    mitsuba_reference.select_variant(rgb=False)
     if "mono" in mi.variant():
         with pytest.raises(mcrt.SceneError, match="RGB"):
             mcrt.interop.to_mitsuba(volume(), albedo=(0.1, 0.2, 0.3))

@@ -3,10 +3,10 @@
 False alarms: 1e-5 per assertion (Bonferroni over voxels or pixels), about 40 assertions.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
-import truth
 
 pytestmark = pytest.mark.cpu_only("lanes are the CPU's")
 
@@ -87,20 +87,20 @@ def test_every_instruction_set_gives_the_same_bits(name, monkeypatch):
 def test_lanes_agree_with_the_scalar_walk(name, monkeypatch):
     a = run(monkeypatch, "scalar", name, 200_000, seed=2)
     b = run(monkeypatch, "", name, 400_000, seed=3)
-    dof = min(truth.dof(a), truth.dof(b))
+    dof = min(comparing.dof(a), comparing.dof(b))
     for what in ("fluence", "radiance"):
         values = [getattr(x, what) for x in (a, b)]
         errors = [getattr(x, what + "_error") for x in (a, b)]
-        truth.assert_z(values[0], values[1], *errors, dof=dof, relative=1e-3, what=what)
+        comparing.assert_z(values[0], values[1], *errors, dof=dof, relative=1e-3, what=what)
     for share in ("absorbed", "unscattered", "missed"):
         p, q = (np.atleast_1d(getattr(x.energy, share)) for x in (a, b))
-        errors = [truth.fraction_error((p + q) / 2, x.stats["photons"]) for x in (a, b)]
-        truth.assert_z(p, q, *errors, relative=1e-4, what=share)
+        errors = [comparing.fraction_error((p + q) / 2, x.stats["photons"]) for x in (a, b)]
+        comparing.assert_z(p, q, *errors, relative=1e-4, what=share)
     for face, p in a.energy.escaped.items():
         p, q = np.atleast_1d(p), np.atleast_1d(b.energy.escaped[face])
-        errors = [truth.fraction_error((p + q) / 2, x.stats["photons"]) for x in (a, b)]
-        truth.assert_z(p, q, *errors, relative=1e-4, what=face)
-    assert np.all(np.abs(truth.energy_sum(b.energy) - 1) <= 1e-6 + b.energy.error)
+        errors = [comparing.fraction_error((p + q) / 2, x.stats["photons"]) for x in (a, b)]
+        comparing.assert_z(p, q, *errors, relative=1e-4, what=face)
+    assert np.all(np.abs(comparing.energy_sum(b.energy) - 1) <= 1e-6 + b.energy.error)
 
 
 @pytest.mark.parametrize("name", ["linear", "nearest", "cells", "rgb", "specks", "thin specks"])
@@ -111,7 +111,9 @@ def test_images_alone_agree_too(name, monkeypatch):
         for seed, simd in enumerate(("scalar", ""), 4)
     ]
     images, errors = [r.image() for r in runs], [r.image_error() for r in runs]
-    truth.assert_z(*images, *errors, dof=truth.dof(runs[0], "pixel"), relative=2e-3, what=name)
+    comparing.assert_z(
+        *images, *errors, dof=comparing.dof(runs[0], "pixel"), relative=2e-3, what=name
+    )
     # The mean over the image, over independent pairs of runs.
     ratios = []
     for seed in range(10, 20):
@@ -120,7 +122,7 @@ def test_images_alone_agree_too(name, monkeypatch):
             for simd, shift in (("scalar", 0), ("", 100))
         ]
         ratios.append(pair[0].image(order="2+").sum() / pair[1].image(order="2+").sum())
-    truth.assert_mean(ratios, 1.0, what=name)
+    comparing.assert_mean(ratios, 1.0, what=name)
 
 
 @pytest.mark.parametrize("name", ["dark", "rgb"])
@@ -129,7 +131,7 @@ def test_roulette_is_fair(name, monkeypatch):
     net = [run(monkeypatch, "", name, 50_000, seed).energy.roulette for seed in range(30, 42)]
     assert np.all(np.ptp(net, axis=0) > 0)
     for channel in np.reshape(net, (len(net), -1)).T:
-        truth.assert_mean(channel, 0.0, what=name)
+        comparing.assert_mean(channel, 0.0, what=name)
 
 
 def test_the_plan_says_how_photons_walk(monkeypatch):

@@ -11,7 +11,7 @@ samples it is 0.3 to 0.4 % for the homogeneous volume (edges of the box in coars
 orders 1 to 5 of the others, and 0.6 % for their order 1 (the light's optical depth is interpolated
 between voxel corners). The standard error of its square is 0.2e-4 at most, a fifth of the bound's.
 Image means differ by MEAN_BIAS at most, which is for the same interpolation and the voxels' size,
-beside the noise (false alarms: `truth.ALPHA` each).
+beside the noise (false alarms: `comparing.ALPHA` each).
 
 Everything is fixed by seeds. Mitsuba runs compiled where LLVM 19 is found (`conftest` looks for
 it), else as `scalar_rgb`, about half as fast, with half the seeds.
@@ -22,6 +22,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import comparing
 import drjit
 import mcrt
 import mitsuba as mi
@@ -230,7 +231,7 @@ def test_image_is_that_of_mitsuba(name, order):
     )
     assert rms < BOUND
     dof = min(len(m) for m in means if len(m) > 1) - 1
-    assert abs(difference) < MEAN_BIAS + truth.limit(dof=dof) * error
+    assert abs(difference) < MEAN_BIAS + comparing.limit(dof=dof) * error
 
 
 @pytest.mark.cpu_only("how sharp the comparison is does not depend on the backend")

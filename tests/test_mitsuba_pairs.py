@@ -4,6 +4,7 @@ All comparisons together raise a false alarm with probability `suite.ALPHA` at m
 """
 
 import mitsuba_cases as suite
+import mitsuba_reference
 import pytest
 
 CASES = suite.covering(2)
@@ -22,9 +23,9 @@ def marked():
 
 @pytest.mark.parametrize("case", list(marked()), ids=suite.name)
 def test_images_are_those_of_mitsuba(case):
-    if case["light"] == "inside" and not suite.select_variant():
+    if case["light"] == "inside" and not mitsuba_reference.select_variant():
         pytest.skip("the reference of a light inside needs LLVM 19")
-    found = suite.compare(case, suite.ours(case)[0], suite.reference(case)[0])
+    found = suite.compare(case, suite.ours(case)[0], mitsuba_reference.reference(case)[0])
     assert found.p.min() > LEVEL, str(found)
 
 

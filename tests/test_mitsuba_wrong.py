@@ -5,6 +5,7 @@ The right scene passes the same test in the same case.
 
 import mcrt
 import mitsuba_cases as suite
+import mitsuba_reference
 import numpy as np
 import pytest
 from test_mitsuba_pairs import LEVEL
@@ -44,7 +45,7 @@ def probability(method, values, wrong):
     case = dict(zip(suite.AXES, (method, *values.split(", ")), strict=True))
     if method == "single":
         case["orders"] = "1"
-    true = suite.reference(case, MORE[values])[0]
+    true = mitsuba_reference.reference(case, MORE[values])[0]
     return suite.compare(case, suite.ours(case, wrong=wrong)[0], true).p.min()
 
 

@@ -7,6 +7,7 @@ False alarms: 1e-5 per assertion (Bonferroni over pixels), about 250 assertions 
 paths together: 0.25 %.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -132,7 +133,7 @@ def test_the_whole_of_order_1_is_its_integral(sigma, box):
     true = true.mean() * SIZE.prod() / (13**2 * 10 / 12)
     spread = np.sqrt((error**2).sum()) / error.size
     assert spread < 2.5e-4 * true
-    assert abs(image.mean() - true) < truth.limit() * spread
+    assert abs(image.mean() - true) < comparing.limit() * spread
 
 
 @pytest.mark.parametrize("simd", SIMDS)
@@ -267,12 +268,12 @@ def test_paths_and_photons_agree(kind):
     photon = mcrt.simulate(
         smooth(), method="photon", photons=2e6, outputs=("image",), progress=False, **options
     )
-    dof = truth.dof(photon, "pixel")
+    dof = comparing.dof(photon, "pixel")
     # Photons' voxels are a 4th of the blob's width: their interpolation errs by some thousandths
     # of orders 2 and up, and their light grid in order 1.
     for order in (None, 1, "2+"):
         a, b = path.image(order=order), photon.image(order=order)
-        truth.assert_z(
+        comparing.assert_z(
             a, b, path.image_error(), photon.image_error(), dof=dof, relative=4e-3, what=str(order)
         )
 
@@ -347,16 +348,16 @@ def test_error_bars_have_the_right_size(kind, simd, monkeypatch):
     pixels = z.shape[1]
     free = (SEEDS - 1) * pixels
     # Errors are known to a few percent (200 rays): they widen z by as little.
-    low, high = stats.chi2.interval(1 - truth.ALPHA, free)
+    low, high = stats.chi2.interval(1 - comparing.ALPHA, free)
     assert low * 0.97 < (z**2).sum() < high * 1.05
     assert relative.max() < 0.2
     # Pixels are independent: the sum over them scatters as the root of their number.
     sums = z.sum(1) / np.sqrt(pixels)
-    low, high = stats.chi2.interval(1 - truth.ALPHA, SEEDS - 1)
+    low, high = stats.chi2.interval(1 - comparing.ALPHA, SEEDS - 1)
     assert low < (sums**2).sum() < high
     correlation = np.corrcoef(z.T)[np.triu_indices(pixels, 1)]
-    assert np.abs(correlation).max() < truth.limit(len(correlation)) / np.sqrt(SEEDS - 3)
-    assert abs(correlation.mean()) < truth.limit() / np.sqrt(SEEDS * len(correlation))
+    assert np.abs(correlation).max() < comparing.limit(len(correlation)) / np.sqrt(SEEDS - 3)
+    assert abs(correlation.mean()) < comparing.limit() / np.sqrt(SEEDS * len(correlation))
 
 
 def test_errors_fall_as_one_over_the_root_of_the_samples(monkeypatch):

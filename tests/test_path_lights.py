@@ -4,6 +4,7 @@ False alarms: 1e-5 per assertion (Bonferroni over pixels), about 250 assertions 
 paths together: 0.25 %.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -175,7 +176,7 @@ def test_a_light_inside_has_a_finite_variance(simd, albedo, monkeypatch):
     assert 0.6 < ratio < 1.6
     falls = np.sqrt((predicted**2).mean() / (long.image_error().astype(float) ** 2).mean())
     assert 0.8 < falls / 10 < 1.25
-    truth.assert_z(
+    comparing.assert_z(
         images.mean(0), long.image(), np.sqrt((errors**2).sum(0)) / seeds, long.image_error()
     )
 

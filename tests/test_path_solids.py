@@ -4,6 +4,7 @@ False alarms: 1e-5 per assertion (Bonferroni over pixels), about 250 assertions 
 paths together: 0.25 %.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def test_alpha_of_a_sphere_is_one_less_the_transmittance_of_its_chords(sigma, vi
     _, _, near, far, hit = ball_rays(view, 1.7, 30 if view is FINE else 100)
     true = np.where(hit, -np.expm1(-sigma * (far - near)), 0).mean(-1)
     # Deterministic, from some rays a pixel: 1 % where a rim crosses pixels, as images of voxels.
-    assert truth.relative_rms(result.alpha(), true) < (0.005 if view is WITHIN else 0.01)
+    assert comparing.relative_rms(result.alpha(), true) < (0.005 if view is WITHIN else 0.01)
 
 
 @pytest.mark.parametrize("pixels", [4, 8, 16, 32])
@@ -46,7 +47,7 @@ def test_alpha_of_a_box_is_one_less_the_transmittance_of_its_chords(pixels):
     view = View((-9, -14, 12), (1.2, 1.2, 1.2), (pixels, pixels), width=4.4)
     result = run(mcrt.Medium.box(2.4), light=(), camera=view.camera(), spp=8)
     true = truth.transmittance_image(view, np.ones((1, 1, 1)), (2.4, 2.4, 2.4), sub=24)
-    assert truth.relative_rms(result.alpha(), 1 - true) < 0.01  # edges cross all pixels
+    assert comparing.relative_rms(result.alpha(), 1 - true) < 0.01  # edges cross all pixels
 
 
 @pytest.mark.parametrize("simd", SIMDS)

@@ -5,6 +5,7 @@ about 60 assertions. Fractions of the launched power carry the bound sqrt(p (1 -
 standard error: the bounds are generous by what stratified first collisions save.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -59,8 +60,8 @@ def test_slab_reflects_and_transmits_as_adding_doubling(
     r, t, result = shoot(tau, albedo=albedo, phase=phase, photons=photons, tracker=tracker, seed=11)
     assert result.plan.tracker == tracker
     for value, true, name in ((r, reflected, "R"), (t, transmitted, "T")):
-        truth.assert_z(
-            value, true, np.hypot(truth.fraction_error(true, photons), digits), what=name
+        comparing.assert_z(
+            value, true, np.hypot(comparing.fraction_error(true, photons), digits), what=name
         )
     if albedo == 1:
         assert result.energy.absorbed == pytest.approx(0, abs=1e-6)
@@ -73,13 +74,15 @@ def test_slab_reflects_the_same_along_every_axis(axis):
     r, t, _ = shoot(
         2, axis=axis, albedo=0.9, phase=mcrt.HenyeyGreenstein(0.75), photons=photons, seed=12
     )
-    truth.assert_z(r, 0.09739, truth.fraction_error(0.09739, photons), what="R")
-    truth.assert_z(t, 0.66096, truth.fraction_error(0.66096, photons), what="T")
+    comparing.assert_z(r, 0.09739, comparing.fraction_error(0.09739, photons), what="R")
+    comparing.assert_z(t, 0.66096, comparing.fraction_error(0.66096, photons), what="T")
 
 
 def test_unscattered_light_through_a_slab_is_exp_minus_tau():
     _, _, result = shoot(2, albedo=0.9, photons=2e5, seed=13)
-    truth.assert_z(result.energy.unscattered, np.exp(-2), truth.fraction_error(np.exp(-2), 2e5))
+    comparing.assert_z(
+        result.energy.unscattered, np.exp(-2), comparing.fraction_error(np.exp(-2), 2e5)
+    )
 
 
 @pytest.mark.parametrize("mu0", [1.0, 0.5])
@@ -87,7 +90,7 @@ def test_unscattered_light_through_a_slab_is_exp_minus_tau():
 def test_half_space_reflects_by_the_h_function(albedo, tau, photons, mu0):
     r, _, _ = shoot(tau, layers=30, mu0=mu0, albedo=albedo, photons=photons, seed=14)
     true = truth.half_space_reflection(albedo, mu0)
-    truth.assert_z(r, true, truth.fraction_error(true, photons))
+    comparing.assert_z(r, true, comparing.fraction_error(true, photons))
 
 
 @pytest.mark.cpu_only("tests the truth")
@@ -130,7 +133,7 @@ def radiance(side, mu, layers, photons, seed):
         method="photon",
         seed=seed,
     )
-    return result.image().mean(), result.image_error().mean(), truth.dof(result, "pixel")
+    return result.image().mean(), result.image_error().mean(), comparing.dof(result, "pixel")
 
 
 @pytest.mark.parametrize("side", ["R", "T"])
@@ -143,7 +146,7 @@ def test_angle_resolved_radiance_matches_adding_doubling(side, i):
     value, error, dof = radiance(side, MU[i], layers, 4e5, seed=15)
     true = INTENSITY[side][i]
     bias = true * ((2 / layers / MU[i]) ** 2 / 20 + 0.001)
-    assert abs(value - true) < truth.limit(1, dof) * error + bias, (
+    assert abs(value - true) < comparing.limit(1, dof) * error + bias, (
         f"{value} +- {error}, truth {true} +- {bias}"
     )
     assert error < 0.02 * true

@@ -6,6 +6,7 @@ False alarms: 1e-5 per assertion (Bonferroni over voxels), about 60 assertions.
 
 import itertools
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
@@ -52,19 +53,19 @@ def run(density, photons=2e5, **options):
 
 def assert_same(a, b, what=("fluence",), flip=lambda x: x, relative=1e-3):
     """Two independent runs agree, voxel by voxel and in their energies."""
-    dof = min(truth.dof(a), truth.dof(b))
+    dof = min(comparing.dof(a), comparing.dof(b))
     for name in what:
         value, error = getattr(a, name), getattr(a, name + "_error")
         other, other_error = flip(getattr(b, name)), flip(getattr(b, name + "_error"))
-        truth.assert_z(value, other, error, other_error, dof=dof, relative=relative, what=name)
+        comparing.assert_z(value, other, error, other_error, dof=dof, relative=relative, what=name)
     photons = (float(a.stats["photons"]), float(b.stats["photons"]))
     for name in ("missed", "unscattered", "absorbed", "truncated"):
         p, q = (
             np.asarray(getattr(a.energy, name), float),
             np.asarray(getattr(b.energy, name), float),
         )
-        error = [truth.fraction_error((p + q) / 2, n) for n in photons]
-        truth.assert_z(p, q, error[0], error[1], relative=relative, what=name)
+        error = [comparing.fraction_error((p + q) / 2, n) for n in photons]
+        comparing.assert_z(p, q, error[0], error[1], relative=relative, what=name)
 
 
 @cached
@@ -120,8 +121,8 @@ def test_chromatic_channels_are_those_of_three_grey_runs():
     rgb = reference("random", "nearest", extinction)
     for c, sigma in enumerate(extinction):
         grey = run(cloud(), 2e5, extinction=sigma, seed=64 + c)
-        dof = min(truth.dof(rgb), truth.dof(grey))
-        truth.assert_z(
+        dof = min(comparing.dof(rgb), comparing.dof(grey))
+        comparing.assert_z(
             rgb.fluence[..., c],
             grey.fluence,
             rgb.fluence_error[..., c],
@@ -166,17 +167,20 @@ def test_collisions_in_layers_are_poisson_distributed(tracker, n):
         density.astype(float), (1.0, 1e4, 1e4), (5e3, 5e3, -1), (0, 0, 1), at_most(n), nodes=40
     )
     reached = true * photons > 1e3
-    truth.assert_z(
+    comparing.assert_z(
         result.fluence[reached],
         true[reached],
         result.fluence_error[reached],
-        dof=truth.dof(result),
+        dof=comparing.dof(result),
         relative=5e-4,
     )
     assert np.all(result.fluence[~reached] < 0.02)
     through = stats.poisson.cdf(n, 12)
-    truth.assert_z(
-        result.energy.truncated, 1 - through, truth.fraction_error(through, photons), relative=1e-5
+    comparing.assert_z(
+        result.energy.truncated,
+        1 - through,
+        comparing.fraction_error(through, photons),
+        relative=1e-5,
     )
     assert result.energy.unscattered == pytest.approx(np.exp(-12), abs=20 / photons)
 
@@ -206,11 +210,11 @@ def test_collisions_along_a_skew_line_are_poisson_distributed(tracker, interpola
     )
     long = true > 0.05 * true.max()  # the beam's voxels but for clipped corners
     relative = 5e-3 if linear and tracker == "march" else 1e-3
-    truth.assert_z(
+    comparing.assert_z(
         result.fluence[long],
         true[long],
         result.fluence_error[long],
-        dof=truth.dof(result),
+        dof=comparing.dof(result),
         relative=relative,
     )
     assert result.fluence[true == 0].sum(dtype=float) < 1e-4 * true.sum()
@@ -236,7 +240,7 @@ def test_light_is_followed_to_optical_depth_25():
     true = np.exp(-tau) * -np.expm1(-1)
     fluence = np.asarray(result.fluence, float)[:, 0, 0]
     # 0.2 %: scattered light of albedo 0.001. One photon in a layer is 1 / N of the fluence.
-    allowed = truth.limit(25) * np.sqrt(true / photons) + 0.002 * true + 10 / photons
+    allowed = comparing.limit(25) * np.sqrt(true / photons) + 0.002 * true + 10 / photons
     assert np.all(np.abs(fluence - true) < allowed)
 
 
@@ -257,8 +261,10 @@ def test_diffuse_light_through_a_thick_slab_is_the_third_exponential_integral(tr
     )
     true = 2 * special.expn(3, tau)
     # 3e-4 of the light enters by the rim, and is lost.
-    truth.assert_z(
-        result.energy.unscattered, true, np.hypot(truth.fraction_error(true, photons), 3e-4 * true)
+    comparing.assert_z(
+        result.energy.unscattered,
+        true,
+        np.hypot(comparing.fraction_error(true, photons), 3e-4 * true),
     )
 
 
@@ -330,8 +336,8 @@ def test_permuting_the_axes_permutes_the_answer(axes, interpolation):
     assert_same(turned, base, ("fluence", "radiance"), flip=lambda field: np.transpose(field, axes))
     mirrored = np.linalg.det(np.eye(3)[list(axes)]) < 0
     image, error = (a[:, ::-1] if mirrored else a for a in (base.image(), base.image_error()))
-    dof = min(truth.dof(base, "pixel"), truth.dof(turned, "pixel"))
-    truth.assert_z(
+    dof = min(comparing.dof(base, "pixel"), comparing.dof(turned, "pixel"))
+    comparing.assert_z(
         turned.image(), image, turned.image_error(), error, dof=dof, relative=1e-3, what="image"
     )
     faces = [face for face in base.energy.escaped if face[0] == "-"]
@@ -340,8 +346,8 @@ def test_permuting_the_axes_permutes_the_answer(axes, interpolation):
         moved = "zyx"[axes.index(axis)]
         for sign in "-+":
             p, q = base.energy.escaped[sign + face[1]], turned.energy.escaped[sign + moved]
-            error = truth.fraction_error(p, 3e5)
-            truth.assert_z(q, p, error, error, what=f"escaped {sign}{face[1]}")
+            error = comparing.fraction_error(p, 3e5)
+            comparing.assert_z(q, p, error, error, what=f"escaped {sign}{face[1]}")
 
 
 def test_origin_far_away_loses_nothing():

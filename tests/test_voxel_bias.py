@@ -6,10 +6,10 @@ of both, for pixels of `photon` share photons. 32 voxels are 0.65 +- 0.06 % too 
 by h^2 of that within the noise; a bias that does not fall is rejected.
 """
 
+import comparing
 import mcrt
 import numpy as np
 import pytest
-import truth
 from conftest import cached
 
 pytestmark = pytest.mark.cpu_only("a bias of the method, whatever runs it")
@@ -56,7 +56,7 @@ def bias(n):
 def test_coarse_voxels_are_biased():
     value, error = bias(32)
     print(f"32^3: {value:+.3%} +- {error:.3%}")
-    assert abs(value) > truth.limit(dof=DOF) * error
+    assert abs(value) > comparing.limit(dof=DOF) * error
 
 
 @pytest.mark.parametrize("n", [64, 128])
@@ -65,5 +65,5 @@ def test_bias_falls_with_the_square_of_the_voxel(n):
     share = (32 / n) ** 2
     print(f"{n}^3: {value:+.3%} +- {error:.3%}, h^2 says {share * coarse:+.3%}")
     spread = np.hypot(error, share * coarse_error)
-    assert abs(value - share * coarse) < truth.limit(dof=DOF) * spread
+    assert abs(value - share * coarse) < comparing.limit(dof=DOF) * spread
     assert abs(value - coarse) > 3.0 * np.hypot(error, coarse_error)

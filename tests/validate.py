@@ -11,6 +11,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import mitsuba_cases as suite
+import mitsuba_reference
 import numpy as np
 from scipy import stats
 
@@ -72,7 +73,7 @@ def main(share=1.0):
     TO.mkdir(parents=True, exist_ok=True)
     found, chosen, lines = [], [], []
     for case in cases:
-        true, true_image = suite.reference(case, suite.VALIDATE)
+        true, true_image = mitsuba_reference.reference(case, suite.VALIDATE)
         ours, image = suite.ours(case, suite.VALIDATE)
         one = suite.compare(case, ours, true)
         found.append((case, one))

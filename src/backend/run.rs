@@ -99,8 +99,8 @@ fn run_here(
                 Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
             })
         };
-        let ended = shooting()
-            .and_then(|mut shooter| batches(plan, device, &mut *shooter, power, &views, occupancy, control, &mut shot));
+        let error = |shot: &mut Shot| settle::relative_error(plan, device, &views, shot, occupancy, control);
+        let ended = shooting().and_then(|mut shooter| batches(plan, &mut *shooter, power, error, control, &mut shot));
         match ended {
             Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
                 shot.stopped = Stopped::DeviceLost;
@@ -152,15 +152,13 @@ pub fn illuminations<'a>(
         .collect()
 }
 
-/// Walks batch after batch until the plan, the target, the clock or the user says stop.
-#[expect(clippy::too_many_arguments, reason = "each is a part of a run")]
+/// Walks batch after batch until the plan, the target, the clock or the user says stop; `error` estimates the relative
+/// noise and bias of what was shot.
 fn batches(
     plan: &Plan,
-    device: &Device,
     shooter: &mut dyn Shooter,
     power: f64,
-    views: &[Option<Illumination>],
-    occupancy: Option<&Occupancy>,
+    error: impl Fn(&mut Shot) -> Result<(f64, f64)>,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()> {
@@ -192,7 +190,7 @@ fn batches(
             }
         }
         let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
-        let (noise, bias) = settle::relative_error(plan, device, views, shot, occupancy, control)?;
+        let (noise, bias) = error(shot)?;
         if noise.hypot(bias) <= target {
             shot.stopped = Stopped::TargetError;
             return Ok(());

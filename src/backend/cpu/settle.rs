@@ -309,9 +309,10 @@ pub fn relative_error(
     if !over_pixels {
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
-        let direct = match direct(plan, views, device, control) {
-            Ok(direct) if !shot.fluence.mean.is_empty() && plan.settings.fluence => direct.fluence,
-            _ => vec![0.0; moments.mean.len()],
+        let direct = if !shot.fluence.mean.is_empty() && plan.settings.fluence {
+            direct(plan, views, device, control)?.fluence
+        } else {
+            vec![0.0; moments.mean.len()]
         };
         let values: Vec<f32> = moments.mean.par_iter().zip(&direct).map(|(m, d)| *m as f32 + d).collect();
         let errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
