@@ -50,8 +50,8 @@ def merge(a: "Result", b: "Result") -> dict[str, Any]:
 
 def _check(a: "Result", b: "Result") -> None:
     """Only independent runs of one scene, with the same kind of result, can be merged."""
-    for name in a._scene:
-        if not _same(a._scene[name], b._scene[name]):
+    for name in {**a._scene, **b._scene}:
+        if not _same(a._scene.get(name), b._scene.get(name)):
             raise SceneError(f"results of different scenes cannot be merged: {name} differs")
     for name in SAME_SETTINGS:
         if a._settings[name] != b._settings[name]:
@@ -77,6 +77,8 @@ def _same(a: Any, b: Any) -> bool:
         return np.array_equal(a, b)
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[name], b[name]) for name in a)
     return type(a) is type(b) and a == b
 
 
