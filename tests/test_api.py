@@ -59,6 +59,25 @@ def test_plan_takes_the_arguments_of_simulate(grey):
         mcrt.plan(density(), surprise=1)
 
 
+@pytest.mark.cpu_only("the plan is the same on all backends")
+@pytest.mark.parametrize("make", [mcrt.PerspectiveCamera, mcrt.OrthographicCamera])
+@pytest.mark.parametrize(
+    ("view", "up", "taken"), [((0, 0, -1), (0, 0, 1), "x"), ((2, 0, 0), (-1, 0, 0), "y")]
+)
+def test_the_plan_names_the_up_that_a_view_along_up_takes(make, view, up, taken):
+    eye = np.array([0.0, 0.0, 50.0])
+    along = make(eye, eye + view, up=up)
+    rows = {
+        name: (choice, reason)
+        for name, choice, reason in mcrt.plan(density(), camera=along).decisions
+    }
+    assert rows["camera"][0] == f"up is +{taken}"
+    assert "along the up" in rows["camera"][1]
+    other = make(eye, eye + view, up=np.eye(3)["xyz".index(taken)])
+    np.testing.assert_array_equal(*(run(camera=c).image() for c in (along, other)))
+    assert all(name != "camera" for name, _, _ in mcrt.plan(density(), camera=other).decisions)
+
+
 @pytest.mark.cpu_only("no result of a simulation")
 def test_plan_and_simulate_have_one_signature_that_can_be_read():
     signatures = [inspect.signature(call) for call in (mcrt.plan, mcrt.simulate)]

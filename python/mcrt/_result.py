@@ -42,7 +42,9 @@ class Result:
     their errors are correlated: the error of a mean over pixels does not fall as one over the
     square root of their number. What is found without photons (orders 0 and 1 of points,
     directions and beams, emission seen directly) has no standard error; a run without photons has
-    zeros, and a single batch leaves the errors unknown: infinite.
+    zeros, and a single batch leaves the errors unknown: infinite. Merged runs of N_i photons and
+    nu_i degrees of freedom have N^2 / sum(N_i^2 / nu_i) of them (Welch and Satterthwaite), N the
+    sum of N_i, but for the pixels of photons, which have those of the smallest K.
     """
 
     def __init__(
@@ -180,6 +182,9 @@ class Result:
     def __add__(self, other: "Result") -> "Result":
         """Merge independent runs of the same scene (other seed) as if they had been one.
 
+        They may differ in photons, tracker, backend and threads, and may have been stopped early.
+        The order makes no difference, not by a bit.
+
         Raises
         ------
         SceneError
@@ -187,8 +192,7 @@ class Result:
         """
         if not isinstance(other, Result):
             return NotImplemented
-        data = merge(self, other)
-        return Result(self._scene, self._settings, data, self._seeds + other._seeds)
+        return Result(*merge(self, other))
 
     def __radd__(self, other: object) -> "Result":
         """`sum(results)` merges them: it starts at 0."""

@@ -1,7 +1,7 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
 use super::{Column, Connection, Direct, Emission, LightPlan, Method, Settings};
-use crate::scene::Light;
+use crate::scene::{Camera, Light};
 use crate::scene::medium::Emission as Glow;
 
 /// A decision with its reason, as EXPLAIN prints them.
@@ -34,6 +34,13 @@ impl Explain {
             (None, false) => ("cpu".into(), "no GPU was found (a software adapter is taken only if asked for)"),
         };
         self.push("backend", choice, reason.into());
+    }
+
+    pub fn camera(&mut self, camera: &Camera) {
+        if let Some(axis) = camera.up_stand_in() {
+            let reason = "the view is along the up that was given; this is the axis that it is least along";
+            self.push("camera", format!("up is +{axis}"), reason.into());
+        }
     }
 
     pub fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {

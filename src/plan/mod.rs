@@ -123,6 +123,9 @@ impl<'a> Plan<'a> {
         };
 
         why.device(settings);
+        if settings.image {
+            why.camera(&scene.camera);
+        }
         let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
         if method == Method::Path && settings.angular != Angular::Eye {
             return scene_error(
