@@ -82,7 +82,14 @@ def test_the_plan_names_the_up_that_a_view_along_up_takes(make, view, up, taken)
 def test_plan_and_simulate_have_one_signature_that_can_be_read():
     signatures = [inspect.signature(call) for call in (mcrt.plan, mcrt.simulate)]
     assert signatures[0].parameters == signatures[1].parameters
-    for thing in (mcrt.plan, mcrt.simulate, mcrt.Medium, mcrt.Medium.box, mcrt.Isotropic.evaluate):
+    for thing in (
+        mcrt.plan,
+        mcrt.simulate,
+        mcrt.Medium,
+        mcrt.Medium.box,
+        mcrt.Isotropic.evaluate,
+        mcrt.interop.to_mitsuba,
+    ):
         assert "numpy._typing" not in str(inspect.signature(thing))
     assert "ArrayLike | Medium" in pydoc.plain(pydoc.render_doc(mcrt.simulate))
 
