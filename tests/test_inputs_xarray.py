@@ -68,7 +68,7 @@ def test_coordinates_may_be_rounded_to_their_dtype():
     array = xarray.DataArray(
         np.ones((2, 2, 40)), dims=("z", "y", "x"), coords={"z": [0, 1], "y": [0, 1], "x": x}
     )
-    found = mcrt.Medium(array)
+    found = mcrt.Medium(array, albedo=0.5 * array)
     assert found.spacing == pytest.approx((1.0, 1.0, 10.0), rel=2e-3)
     assert found.origin[0] == pytest.approx(5e6 - 5.0, abs=0.5)
 

@@ -3,6 +3,8 @@
 xarray is not imported: whoever passes one of its objects has done so.
 """
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,13 +114,20 @@ class Frame:
             corner = origin
         return read, corner  # type: ignore[return-value]
 
-    def agrees(self, spacing: Triple, origin: Triple) -> bool:
-        """Whether its coordinates, if it has any, are those of a box, within `EVEN` of a voxel."""
+    def agrees(self, other: Frame, spacing: Triple, origin: Triple) -> bool:
+        """Whether its coordinates, if any, are those of another frame, within `EVEN` of a voxel.
+
+        Where the other has none, the centres of the voxels of this spacing and origin.
+        """
         if self.coordinates is None:
             return True
-        return all(
-            np.allclose(low + (np.arange(len(centres)) + 0.5) * step, centres, 0, EVEN * step)
+        there = other.coordinates or tuple(
+            low + (np.arange(len(centres)) + 0.5) * step
             for centres, step, low in zip(self.coordinates, spacing, origin[::-1], strict=True)
+        )
+        return all(
+            len(one) == len(two) and np.allclose(one, two, rtol=0, atol=EVEN * step)
+            for one, two, step in zip(self.coordinates, there, spacing, strict=True)
         )
 
     def row(self, spacing: Triple, origin: Triple) -> tuple[str, str, str]:

@@ -241,7 +241,7 @@ def _laid_out(name: str, value: Any, frame: Frame, spacing: Any, origin: Any) ->
     if labelled is None or labelled.ndim < 3:
         return value
     values, own = read(name, labelled)
-    if not own.agrees(spacing, origin):
+    if not own.agrees(frame, spacing, origin):
         raise SceneError(
             f"{name} must have the coordinates of the density: spacing {spacing} (dz, dy, dx) and "
             f"origin {origin} (x, y, z)"
