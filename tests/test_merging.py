@@ -171,6 +171,7 @@ def test_a_run_without_photons_says_nothing():
             assert merged.stats[name] == long.stats[name]
 
 
+@pytest.mark.cpu_only("adds arrays, whoever made them")
 def test_a_run_whose_photons_met_nothing_counts_as_darkness():
     thin = {"extinction": 1e-4, "light": mcrt.DirectionalLight((0, 0, -1), 1.0)}
     some, none = run(**thin, photons=10**6), run(**thin, seed=1, photons=2)
@@ -191,6 +192,7 @@ def test_what_has_no_noise_stays_as_it_is():
         assert (run() + run(seed=1, photons=photons)).energy.launched == run().energy.launched
 
 
+@pytest.mark.cpu_only("adds arrays, whoever made them")
 def test_what_differs_in_more_than_how_it_ran_is_refused():
     a = run(phase=mcrt.HenyeyGreenstein(0.5), angular=2)
     with pytest.raises(mcrt.SceneError, match="different angular cannot be merged"):
