@@ -1,8 +1,8 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
 use super::{Column, Connection, Direct, Emission, LightPlan, Method, Settings};
-use crate::scene::{Camera, Light};
 use crate::scene::medium::Emission as Glow;
+use crate::scene::{Camera, Light};
 
 /// A decision with its reason, as EXPLAIN prints them.
 #[derive(Debug, Clone, PartialEq)]
