@@ -112,6 +112,9 @@ def test_what_is_given_beside_coordinates_must_be_what_they_say():
         mcrt.Medium(array, spacing=1.0)
     with pytest.raises(mcrt.SceneError, match=r"origin = \(0, 0, 0\) is given.*\(10, -20, 30\)"):
         mcrt.Medium(array, origin=(0, 0, 0))
+    for spacing in (0.0, np.nan, -1.0, (0.0, 1.0, 0.5)):
+        with pytest.raises(mcrt.SceneError, match="spacing"):
+            mcrt.plan(array.isel(z=[0]), spacing=spacing)
     with pytest.raises(mcrt.SceneError, match="spacing given both"):
         mcrt.plan(mcrt.Medium(array), spacing=1.0)
 
@@ -204,6 +207,7 @@ REFUSED = {
         labelled().assign_coords(height=("z", [0.0, 1.0, 3.0, 6.0])),
         r"height lies along z.*da.swap_dims\(z='height'\)",
     ),
+    "empty": (labelled().isel(y=[]), "at least one voxel"),
     "dataset": (labelled().to_dataset(name="qc"), r"Dataset.*'qc'.*dataset\[name\]"),
 }
 

@@ -104,12 +104,12 @@ class Frame:
         if spacing is not None:
             # `EVEN` of a voxel at the far end
             counts = [max(len(centres) - 1, 1) for centres in self.coordinates]
-            off = np.abs(np.subtract(spacing, read)) * counts / np.array(read)
-            if not (off <= EVEN).all():
+            off = np.abs(np.subtract(spacing, read)) * counts
+            if not (off <= EVEN * np.abs(read)).all():
                 raise _conflict("spacing", spacing, read, "(dz, dy, dx)")
             read = spacing
         if origin is not None:
-            if not (np.abs(np.subtract(origin, corner)) / np.array(read[::-1]) <= EVEN).all():
+            if not (np.abs(np.subtract(origin, corner)) <= EVEN * np.abs(read[::-1])).all():
                 raise _conflict("origin", origin, corner, "(x, y, z), coordinates are centres")
             corner = origin
         return read, corner  # type: ignore[return-value]
@@ -165,6 +165,8 @@ def read(name: str, array: Any) -> tuple[Any, Frame]:
     order = _order(name, array, given)
     dims = tuple(given[i] for i in order[:3])
     data = array.transpose(*(array.dims[i] for i in order)).data
+    if array.size == 0:
+        return data, Frame(dims, given)
     coordinates, unit = _coordinates(name, array, [array.dims[i] for i in order[:3]])
     flipped = []
     for axis, centres in enumerate(coordinates or ()):
