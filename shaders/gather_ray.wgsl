@@ -33,10 +33,12 @@ struct Sums {
     part: u32,
     // Four values of the source volume so far.
     source: vec4<f32>,
-    // The light that is due, and 1 where it has ended.
+    // The light that is due, and 1 where the ray has ended.
     light: u32,
     over: u32,
-    spare: vec2<u32>,
+    // Where the part of the step that is due for this light begins, and its width, in 64ths of the step; 0 for all of it.
+    at: u32,
+    width: u32,
 }
 
 @group(0) @binding(5) var<uniform> job: Job;

@@ -6,6 +6,7 @@
 
 mod backdrop;
 mod close;
+mod lit;
 mod samples;
 
 use super::emitted::Glow;
@@ -24,6 +25,8 @@ use samples::samples_per_axis;
 
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;
+/// Steps of a cell at most: so many resolve what is seen of a density that grows from zero to 10^7 mean free paths.
+const MOST_STEPS: usize = 1 << 24;
 /// A ray ends where its transmittance is below exp(-this).
 pub(super) const OPAQUE: f32 = 12.0;
 
@@ -298,7 +301,8 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     /// Sums along one ray.
     #[inline(always)]
     fn ray(&self, ray: &Ray) -> Sums<C, S> {
-        if self.even && !self.passes_light(ray) { self.even(ray) } else { self.exact(ray) }
+        let even = if self.even && !self.passes_light(ray) { self.even(ray) } else { None };
+        even.unwrap_or_else(|| self.exact(ray))
     }
 
     /// Sums along one ray, cell by cell.
@@ -328,9 +332,12 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             return;
         }
         let depth = 0.5 * (s1 + s2) * length * self.most_extinction;
-        let steps = ((depth / STEP_DEPTH).ceil() as usize).clamp(1, 256);
+        let steps = ((depth / STEP_DEPTH).ceil() as usize).clamp(1, MOST_STEPS);
         let step = length / steps as f32;
         for i in 0..steps {
+            if sums.column * self.least_extinction > OPAQUE {
+                return;
+            }
             let start = t0 + step * i as f32;
             let (s1, s2) = if steps == 1 { (s1, s2) } else { (density(start + u1 * step), density(start + u2 * step)) };
             let profile = Profile { s1, slope: (s2 - s1) / (u2 - u1), step };
@@ -342,11 +349,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             for light in &self.volumes.lights {
                 match close_light(light, self.h, along(ray.p, ray.v, start), ray.direction, step) {
                     Some(foot) => self.close(sums, light, foot, ray, start, &profile),
-                    None => {
-                        for (p, factor) in &nodes {
-                            self.lit(&mut sums.order1, factor, light, *p, ray.direction);
-                        }
-                    }
+                    None => self.lit(sums, light, &nodes, ray, start, &profile),
                 }
             }
             for (p, factor) in &nodes {
@@ -380,17 +383,6 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         std::array::from_fn(|c| {
             self.extinction[c] * self.constant_albedo[c] * albedo * weight * (-self.extinction[c] * column).exp()
         })
-    }
-
-    /// Adds a light's order 1 at a node.
-    #[inline(always)]
-    fn lit(&self, sum: &mut [f32; C], factor: &[f32; C], light: &Illumination, p: V3, view: V3) {
-        let incident = light.incident(p);
-        let column = light.column(p, &incident);
-        let scattered = incident.falloff * self.toward_eye(&incident.direction, &view);
-        for c in 0..C {
-            sum[c] += factor[c] * light.value[c] * scattered * (-self.extinction[c] * column).exp();
-        }
     }
 
     /// P from the light's direction into that towards the eye, which is against the view ray.

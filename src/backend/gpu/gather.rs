@@ -135,7 +135,8 @@ pub struct Sums {
     pub source: [f32; 4],
     pub light: u32,
     pub over: u32,
-    pub spare: [u32; 2],
+    pub at: u32,
+    pub width: u32,
 }
 
 /// `Pixel` of `shaders/gather_mean.wgsl`.
@@ -296,8 +297,16 @@ impl<'a> Pass<'a> {
         let backdrop = if first && whole { Backdrop::new(volumes.scene) } else { None };
         let maps = Maps::new(gpu, backdrop.iter().flat_map(|backdrop| backdrop.maps.iter().copied()))?;
         let mut textures = Vec::new();
-        let mut files =
-            vec!["gather", "gather_ray", "gather_close", "camera", View::file(camera), "interpolate", "light"];
+        let mut files = vec![
+            "gather",
+            "gather_ray",
+            "gather_close",
+            "gather_lit",
+            "camera",
+            View::file(camera),
+            "interpolate",
+            "light",
+        ];
         files.push(match (volume.is_constant(), volume.linear()) {
             (true, _) => "cells_constant",
             (false, true) => "cells_linear",
