@@ -82,7 +82,8 @@ def simulate(
     method : "auto", "single", "photon" or "path"
         "single" is deterministic and holds order 1 only; its fluence is that of order 0. "photon"
         keeps orders 2 and up in the voxels, for any number of images. "path" traces paths from the
-        camera: the image of this camera alone, without bias. "auto" takes "path" if `spp` is given.
+        camera: the image of this camera alone, without bias. "auto" takes "path" if `spp` is given,
+        or if only the image is wanted and the voxels seen are too thick for one made of voxels.
     tracker : "auto", "woodcock", "march" or "analytic"
         How free flights are sampled; "analytic" needs a homogeneous medium.
     angular : "auto", "sh" or int

@@ -1,5 +1,6 @@
 //! How a plan runs, whatever on: light grids, photons batch by batch until it is enough, and the sum of it all.
 
+use super::bias::Truth;
 use super::cpu::emit::Emitter;
 use super::cpu::light::Illumination;
 use super::cpu::shoot::Energies;
@@ -90,6 +91,7 @@ fn run_here(
         _ => Shot::new(plan),
     };
     let mut unfinished = None;
+    let truth = Truth::trace(plan)?;
     if plan.shoots() && !emitters.is_empty() {
         let power = emitters.iter().map(|e| e.power).sum();
         let shooting = || -> Result<Box<dyn Shooter + '_>> {
@@ -99,7 +101,13 @@ fn run_here(
                 Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
             })
         };
-        let error = |shot: &mut Shot| settle::relative_error(plan, device, &views, shot, occupancy, control);
+        let error = |shot: &mut Shot| {
+            let (noise, bias) = settle::relative_error(plan, device, &views, shot, occupancy, control)?;
+            match truth.as_ref().filter(|_| plan.judges_pixels()) {
+                Some(truth) => Ok((noise, truth.bias(plan, device, &views, shot, occupancy, control)?.size)),
+                None => Ok((noise, bias)),
+            }
+        };
         let ended = shooting().and_then(|mut shooter| batches(plan, &mut *shooter, power, error, control, &mut shot));
         match ended {
             Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
@@ -111,7 +119,12 @@ fn run_here(
     }
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
+    let bias = match truth.filter(|_| unfinished.is_none()) {
+        Some(truth) => Some(truth.bias(plan, device, &views, &shot, occupancy, control)?),
+        None => None,
+    };
     let mut outcome = settle::settle(plan, &views, shot, device, control)?;
+    outcome.warnings.extend(bias.and_then(|bias| bias.warning(plan)));
     drop(views);
     outcome.columns = plan
         .lights

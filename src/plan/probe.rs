@@ -1,5 +1,5 @@
-//! What view rays meet, measured on the scene before anything is decided: how opaque it is, and what interpolating the light
-//! grid would cost in accuracy.
+//! What view rays meet, measured on the scene before anything is decided: how opaque it is, how dense the voxels are that are
+//! seen, and what interpolating the light grid would cost in accuracy.
 
 use crate::scene::field::{Field, Occupancy, V3};
 use crate::scene::{Light, Scene, ViewRay};
@@ -74,6 +74,29 @@ pub fn opacity(scene: &Scene) -> f64 {
     let seen: Vec<f64> =
         seeing(scene, &field).take(RAYS).map(|(.., column)| -(-extinction * column).exp_m1()).collect();
     if seen.is_empty() { 0.0 } else { seen.iter().sum::<f64>() / seen.len() as f64 }
+}
+
+/// The mean optical depth along the view of the voxels that are seen, the densest channel's: over points drawn as their
+/// light reaches the eye. 0 if nothing is.
+pub fn seen_depth(scene: &Scene) -> f64 {
+    let volume = &scene.medium.volume;
+    let occupancy = Occupancy::new(volume);
+    let field = Field::density(volume).skipping(occupancy.as_ref());
+    let n = volume.n();
+    let extinction = scene.medium.extinction.max();
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for (start, velocity, length, whole) in seeing(scene, &field).take(RAYS) {
+        let seen = -(-extinction * whole).exp_m1();
+        let voxel = 1.0 / velocity.iter().map(|v| f64::from(v.abs())).sum::<f64>();
+        for k in 0..POINTS {
+            let target = -(1.0 - seen * (k as f64 + 0.5) / POINTS as f64).ln() / extinction;
+            let at = depth_at(&field, start, velocity, length, target as f32);
+            let p: V3 = std::array::from_fn(|a| (start[a] + velocity[a] * at).clamp(0.0, n[a] as f32));
+            sum += seen * extinction * f64::from(field.at(p)) * voxel;
+            weight += seen;
+        }
+    }
+    if weight > 0.0 { sum / weight } else { 0.0 }
 }
 
 /// View rays spread over the image, of those that meet any density: entry, velocity, length, and column density.

@@ -168,6 +168,13 @@ impl Camera {
         }
     }
 
+    /// The same view in no more than about `most` pixels.
+    pub fn coarse(&self, most: usize) -> Self {
+        let [width, height] = self.resolution.map(|m| m as f64);
+        let scale = (most as f64 / (width * height)).sqrt().min(1.0);
+        Camera { resolution: [width, height].map(|m| (m * scale).round().max(1.0) as usize), ..*self }
+    }
+
     /// The width of a pixel at the given distance from the eye.
     pub fn pixel_width(&self, distance: f64) -> f64 {
         let half = match self.projection {

@@ -7,6 +7,7 @@
 mod backdrop;
 mod close;
 mod lit;
+mod outline;
 mod samples;
 
 use super::emitted::Glow;
@@ -18,10 +19,13 @@ use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
 pub use backdrop::Backdrop;
 use close::{Profile, close_light};
+pub use outline::Outline;
 use rayon::prelude::*;
-#[cfg(feature = "gpu")]
-pub use samples::rays_per_axis;
 use samples::samples_per_axis;
+#[cfg(feature = "gpu")]
+pub use samples::{Rays, point, rays, stride};
+#[cfg(not(feature = "gpu"))]
+use samples::{point, stride};
 
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;
@@ -163,8 +167,7 @@ pub(super) fn look<const C: usize, const S: usize>(
         let rays = (count * fine * fine) as f64;
         view.packed = Packed::new(&view, rays * view.field.n().map(f64::from).iter().sum::<f64>() / 3.0);
     }
-    let corners = pixels.is_none().then(|| view.corner_hits(camera));
-    let corners = corners.as_deref();
+    let outline = Outline::new(view.volumes.scene, camera);
     // Tiles along a row: neighbouring pixels read the same voxels.
     const TILE: usize = 32;
     image
@@ -180,9 +183,8 @@ pub(super) fn look<const C: usize, const S: usize>(
             }
             for at in 0..order1.len() / C {
                 let pixel = pixels.map_or(tile * TILE + at, |list| list[tile * TILE + at]);
-                let (x, y) = (pixel % width, pixel / width);
-                let hits = view.at_corners(camera, corners, (x, y));
-                let pixel = view.pixel(camera, (x as f64, y as f64), hits, fine);
+                let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
+                let pixel = view.pixel(camera, (x, y), &outline, fine);
                 let own = at * C..(at + 1) * C;
                 order1[own.clone()].copy_from_slice(&pixel.order1);
                 order2[at * S..(at + 1) * S].copy_from_slice(&pixel.source);
@@ -256,18 +258,20 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         View { glow: Glow::new(scene), backdrop: Backdrop::new(scene), ..self }
     }
 
-    /// The mean over the pixel with the upper left corner (x, y), of whose corners some meet the box.
+    /// The mean over the pixel with the upper left corner (x, y).
     #[inline(always)]
-    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), hits: [bool; 4], fine: usize) -> Pixel<C, S> {
+    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), outline: &Outline, fine: usize) -> Pixel<C, S> {
         let centre = self.range(camera, x + 0.5, y + 0.5);
-        let n = self.rays_per_axis(camera, centre.as_ref(), hits, fine);
+        let rays = self.rays(camera, centre.as_ref(), outline.cover(x, y), fine);
+        let n = rays.per_axis;
         let finer = self.backdrop.as_ref().map_or(1, |backdrop| backdrop.samples(camera).div_ceil(n));
         let mut mean =
             Pixel { order1: [0.0; C], source: [0.0; S], through: [0.0; C], emitted: [0.0; C], background: [0.0; C] };
-        let weight = 1.0 / (n * n) as f32;
+        let stride = stride(n);
+        let weights = rays.covered.map(|area| outline.weights((x, y), area, n));
         for at in 0..n * n {
-            let part = |i: usize, offset: f64| (i as f64 + offset) / n as f64;
-            let (u, v) = (part(at % n, 0.5), part(at / n, 0.5));
+            let (u, v) = point(n, stride, at);
+            let weight = weights.as_ref().map_or(1.0 / (n * n) as f32, |weights| weights[at]);
             let mut through = [1.0f32; C];
             if let Some(mut ray) = if n == 1 { centre } else { self.range(camera, x + u, y + v) } {
                 ray.least_off /= n as f32;
@@ -282,7 +286,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             }
             (0..C).for_each(|c| mean.through[c] += weight * through[c]);
             if let Some(backdrop) = &self.backdrop {
-                let corner = (x + part(at % n, 0.0), y + part(at / n, 0.0));
+                let corner = (x + (at % n) as f64 / n as f64, y + (at / n) as f64 / n as f64);
                 let behind = backdrop.mean(camera, corner, 1.0 / n as f64, finer);
                 (0..C).for_each(|c| mean.background[c] += weight * through[c] * behind[c]);
             }

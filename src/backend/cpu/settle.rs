@@ -305,8 +305,7 @@ pub fn relative_error(
     if plan.layers.is_empty() || shot.batches < 2 {
         return Ok((0.0, 0.0));
     }
-    let over_pixels = plan.subvolumes > 0 && !(plan.settings.over_voxels && plan.settings.fluence);
-    if !over_pixels {
+    if !plan.judges_pixels() {
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
         let direct = if !shot.fluence.mean.is_empty() && plan.settings.fluence {
@@ -321,11 +320,7 @@ pub fn relative_error(
     let camera = &plan.scene.camera;
     let pixels = pixel_sample(camera.resolution);
     let lights: Vec<Illumination> = views.iter().flatten().cloned().collect();
-    let k = plan.subvolumes;
-    let mut means = interleaved(&shot.subvolumes, &shot.subvolume_batches);
-    if let Some(order) = plan.harmonics.filter(|_| plan.width() > 1) {
-        means = device.contract(&Towards::new(plan.scene, camera, order), &means, channels * k)?;
-    }
+    let Some((means, k)) = replicates_seen(plan, device, shot)? else { return Ok((0.0, 0.0)) };
     let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
     let picture = device.image(&volumes, camera, Some(&pixels), channels * k, true, &stop)?;
@@ -335,6 +330,25 @@ pub fn relative_error(
     let (whole, _) = pixel_error::spread(&means, k);
     let bias = pixel_error::bias(device, &volumes, &whole, camera, Some(&pixels), &stop)?;
     Ok(pixel_error::relative(&values, &errors, Some(&bias), channels))
+}
+
+/// The replicates' J towards the eye of the run, the replicate fastest, and their number; `None` if no photon left any.
+pub fn replicates_seen(plan: &Plan, device: &Device, shot: &Shot) -> Result<Option<(Vec<f32>, usize)>> {
+    let used = shot.subvolume_batches.iter().filter(|&&batches| batches > 0).count();
+    let (mut means, k) = if used > 0 {
+        (interleaved(&shot.subvolumes[..used], &shot.subvolume_batches[..used]), used)
+    } else {
+        let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
+        (moments.mean.par_iter().map(|x| (*x as f32) * scale).collect(), 1)
+    };
+    if means.is_empty() {
+        return Ok(None);
+    }
+    if let Some(order) = plan.harmonics.filter(|_| plan.width() > 1) {
+        let camera = &plan.scene.camera;
+        means = device.contract(&Towards::new(plan.scene, camera, order), &means, plan.channels * k)?;
+    }
+    Ok(Some((means, k)))
 }
 
 /// At most 1024 pixels, evenly over the image.
