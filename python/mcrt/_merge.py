@@ -28,7 +28,7 @@ def merge(a: "Result", b: "Result") -> dict[str, Any]:
         If the runs are not independent runs of the same scene.
     """
     _check(a, b)
-    x, y = a._data, b._data
+    x, y = a._whole(), b._whole()
     weights = _weights(x["stats"]["photons"], y["stats"]["photons"])
     data = {**x}
     for name in MEANS:

@@ -345,6 +345,17 @@ impl<'a> Plan<'a> {
         self.settings.fluence || self.settings.radiance || self.subvolumes == 0
     }
 
+    /// Whether a target error is meant for pixels, not for voxels.
+    pub fn over_pixels(&self) -> bool {
+        self.subvolumes > 0 && !(self.settings.over_voxels && self.settings.fluence)
+    }
+
+    /// Whether the run looks at the error of the fluence while it goes on, for which it needs that of unscattered light.
+    pub fn judges_fluence(&self) -> bool {
+        let looks = self.target_error.is_some() && self.batches.is_none();
+        looks && self.settings.fluence && !self.over_pixels()
+    }
+
     /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).
     pub fn wants_source(&self) -> bool {
         self.orders > 0 && (self.settings.radiance || self.settings.image)
