@@ -41,7 +41,7 @@ def merge(
     """
     _check(a, b)
     a, b = sorted((a, b), key=lambda result: min(result._seeds))
-    x, y = a._data, b._data
+    x, y = a._whole(), b._whole()
     seeds = tuple(sorted(a._seeds + b._seeds))
     weights = _weights(x["stats"]["photons"], y["stats"]["photons"])
     data = {**x, "subvolumes": _subvolumes(weights, x.get("subvolumes"), y.get("subvolumes"))}

@@ -134,28 +134,34 @@ def simulate(
     (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' + L_e for the radiance L.
     """
     scene, settings, progress = _parse(locals())
-    return _run(scene, settings, progress)
+    return _run(_mcrt.Scene(scene), scene, settings, progress)
 
 
 def _run(
-    scene: dict[str, Any], settings: dict[str, Any], progress: Any, before: Any = None
+    core: _mcrt.Scene,
+    scene: dict[str, Any],
+    settings: dict[str, Any],
+    progress: Any,
+    before: Any = None,
 ) -> Result:
     """Run, or go on with what a lost device cut short."""
 
     def resume(progress: Any = None) -> Result:
-        return _run(scene, settings, progress, before)
+        return _run(core, scene, settings, progress, before)
 
     try:
         with reporting(progress) as report:
-            data = _mcrt.simulate(scene, settings, report, before)
+            data = _mcrt.simulate(core, settings, report, before)
         _remark(data["plan"], settings)
         data["warnings"] = [*settings["remarks"]["warnings"], *data["warnings"]]
     except DeviceLostError as error:
         raise DeviceLostError(str(error), None, resume) from None
     lost, before = data.pop("lost", None), data.pop("unfinished", None)
-    result = Result(scene, settings, data)
+    result = Result(scene, settings, data, core=core)
     if lost is not None:
         raise DeviceLostError(lost, result, resume)
+    if data["stats"]["stopped_by"] == "target_error":
+        result._keep_judged()
     return result
 
 
@@ -207,7 +213,7 @@ def plan(
         As `simulate`.
     """
     scene, settings, _ = _parse(locals())
-    planned = Plan(_mcrt.plan(scene, settings))
+    planned = Plan(_mcrt.plan(_mcrt.Scene(scene), settings))
     _remark(planned, settings)
     planned._scene = scene, settings
     return planned

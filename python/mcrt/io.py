@@ -32,7 +32,7 @@ def save(result: "Result", path: str | PathLike[str]) -> None:
             return [strip(item, f"{name}/{i}") for i, item in enumerate(value)]
         return value.item() if isinstance(value, np.generic) else value
 
-    parts = {"scene": result._scene, "settings": result._settings, "data": result._data}
+    parts = {"scene": result._scene, "settings": result._settings, "data": result._whole()}
     text = {name: strip(part, name) for name, part in parts.items()}
     text |= {"format": FORMAT, "seeds": list(result._seeds)}
     with open(path, "wb") as file:

@@ -101,8 +101,14 @@ impl Explain {
                 "a voxel's optical depth is at most {depth:.3}{}",
                 match light {
                     Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 => format!(
-                        ", interpolating the light grid would err by {:.2} % in the image",
-                        100.0 * plan.interpolation_error
+                        ", interpolating the light grid would err by {:.2} % in the image{}",
+                        100.0 * plan.interpolation_error,
+                        if plan.fine() {
+                            let error = 100.0 * plan.fine_error;
+                            format!(", between two nodes per voxel, as large pictures do, by {error:.2} %")
+                        } else {
+                            String::new()
+                        }
                     ),
                     _ => String::new(),
                 }

@@ -315,11 +315,6 @@ impl<'a> Plan<'a> {
         Ok(plan)
     }
 
-    /// Whether the target error is over pixels, not over voxels.
-    pub fn judges_pixels(&self) -> bool {
-        self.subvolumes > 0 && !(self.settings.over_voxels && self.settings.fluence)
-    }
-
     /// Photons of batch `batch`: a given number is dealt out evenly, the first batches holding the rest.
     pub fn photons_of(&self, batch: u64) -> u64 {
         match (self.settings.photons, self.batches) {
@@ -364,6 +359,17 @@ impl<'a> Plan<'a> {
     /// Whether means and variances of voxels are kept; images alone need no more than the replicates' sums.
     pub fn keeps_moments(&self) -> bool {
         self.settings.fluence || self.settings.radiance || self.subvolumes == 0
+    }
+
+    /// Whether a target error is meant for pixels, not for voxels.
+    pub fn over_pixels(&self) -> bool {
+        self.subvolumes > 0 && !(self.settings.over_voxels && self.settings.fluence)
+    }
+
+    /// Whether the run looks at the error of the fluence while it goes on, for which it needs that of unscattered light.
+    pub fn judges_fluence(&self) -> bool {
+        let looks = self.target_error.is_some() && self.batches.is_none();
+        looks && self.settings.fluence && !self.over_pixels()
     }
 
     /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).

@@ -13,6 +13,16 @@ const TRIES: usize = 2000;
 /// The root mean square error that an order 1 image would have if the optical depth towards the light were interpolated
 /// in the light grid, over the image's own. Points are drawn along the camera's rays as their light reaches the eye.
 pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
+    error_between(scene, light, 0.5, 1.0, false)
+}
+
+/// The same with nodes at all faces, edges, corners and centres of voxels, lowered by a twelfth of their second differences.
+pub fn fine_error(scene: &Scene, light: &Light) -> f64 {
+    error_between(scene, light, 0.0, 0.5, true)
+}
+
+/// The same with nodes every `step` voxels from `first` on.
+fn error_between(scene: &Scene, light: &Light, first: f32, step: f32, lowered: bool) -> f64 {
     let volume = &scene.medium.volume;
     let occupancy = Occupancy::new(volume);
     let field = Field::density(volume).skipping(occupancy.as_ref());
@@ -39,11 +49,27 @@ pub fn interpolation_error(scene: &Scene, light: &Light) -> f64 {
         if face == p { column(p) } else { 2.0 * column(face) - column(std::array::from_fn(|a| 2.0 * face[a] - p[a])) }
     };
     let interpolated = |p: V3| {
-        let low: V3 = std::array::from_fn(|a| (p[a] - 0.5).floor() + 0.5);
+        let low: V3 = std::array::from_fn(|a| ((p[a] - first) / step).floor() * step + first);
+        // Nodes are known by their steps from the one before the point, from -1 to 2 along each axis.
+        let mut found = [None::<f64>; 64];
+        let mut column = |at: [i32; 3]| {
+            let kept = &mut found[at.iter().rev().fold(0, |place, &c| 4 * place + (c + 1) as usize)];
+            *kept.get_or_insert_with(|| node(std::array::from_fn(|a| low[a] + step * at[a] as f32)))
+        };
         let sum = (0..8).fold(0.0, |sum, corner| {
-            let side: V3 = std::array::from_fn(|a| (corner >> a & 1) as f32);
-            let weight: f32 = (0..3).map(|a| (1.0 - side[a]) + (2.0 * side[a] - 1.0) * (p[a] - low[a])).product();
-            sum + f64::from(weight) * node(std::array::from_fn(|a| low[a] + side[a]))
+            let side: [i32; 3] = std::array::from_fn(|a| corner >> a & 1);
+            let weight: f32 = (0..3)
+                .map(|a| if side[a] == 1 { (p[a] - low[a]) / step } else { 1.0 - (p[a] - low[a]) / step })
+                .product();
+            let mut here = column(side);
+            for axis in (0..3).filter(|_| lowered) {
+                let beside = [-1, 1].map(|way| std::array::from_fn(|a| side[a] + if a == axis { way } else { 0 }));
+                let inside = |at: &[i32; 3]| (0.0..=n[axis] as f32).contains(&(low[axis] + step * at[axis] as f32));
+                if beside.iter().all(inside) {
+                    here -= (column(beside[0]) - 2.0 * column(side) + column(beside[1])) / 12.0;
+                }
+            }
+            sum + f64::from(weight) * here
         });
         sum.max(0.0)
     };

@@ -42,7 +42,7 @@ enum Extra {
 }
 
 impl Packed {
-    /// Packs the fields of a grey scene with at most one light, which must have a light grid, if `samples` lookups are
+    /// Packs the fields of a grey scene with at most one light, which must interpolate its columns, if `samples` lookups are
     /// worth it.
     pub fn new<const C: usize, const S: usize>(view: &View<C, S>, samples: f64) -> Option<Self> {
         let volumes = view.volumes;
@@ -53,8 +53,8 @@ impl Packed {
             return None;
         }
         let columns = match volumes.lights.first() {
-            Some(light) => light.nodes()?,
-            None => &[],
+            Some(light) if !light.is_fine() => light.nodes()?,
+            _ => &[],
         };
         let albedo = view.albedo.as_ref();
         let extra = match (volumes.source0, albedo) {
@@ -236,9 +236,9 @@ impl<const C: usize, const S: usize> View<'_, C, S> {
         }
         let mut smooth = true;
         for light in &self.volumes.lights {
-            if packed.is_none() {
+            if packed.is_none() || light.is_fine() {
                 for i in 0..count {
-                    s.column[i] = light.column(s.p[i], &light.incident(s.p[i]));
+                    s.column[i] = if s.density[i] > 0.0 { light.column_at(s.p[i]) } else { 0.0 };
                 }
             }
             // Where there is nothing it does not matter.

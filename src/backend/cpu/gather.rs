@@ -146,6 +146,12 @@ pub fn by_cells(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>) ->
     if volumes.channels == 1 { with::<1>(volumes, camera, pixels) } else { with::<3>(volumes, camera, pixels) }
 }
 
+/// Samples that the view rays of so many pixels take, about.
+pub fn samples(scene: &Scene, camera: &Camera, pixels: usize) -> f64 {
+    let rays = (pixels * samples_per_axis(scene, camera).pow(2)) as f64;
+    rays * scene.medium.volume.n().iter().sum::<usize>() as f64 / 3.0
+}
+
 /// The image of a view.
 pub(super) fn look<const C: usize, const S: usize>(
     mut view: View<C, S>,
@@ -164,8 +170,7 @@ pub(super) fn look<const C: usize, const S: usize>(
     };
     let fine = samples_per_axis(view.volumes.scene, camera);
     if view.even {
-        let rays = (count * fine * fine) as f64;
-        view.packed = Packed::new(&view, rays * view.field.n().map(f64::from).iter().sum::<f64>() / 3.0);
+        view.packed = Packed::new(&view, samples(view.volumes.scene, camera, count));
     }
     let outline = Outline::new(view.volumes.scene, camera);
     // Tiles along a row: neighbouring pixels read the same voxels.

@@ -215,7 +215,7 @@ fn gather(
         emitted: vec![0.0; count * channels],
         background: vec![0.0; count * channels],
     };
-    let scene = GpuScene::new(gpu, volumes.scene, channels)?;
+    let scene = gpu.scene(volumes.scene, channels)?;
     let batches = batches(&rays, cut.rays);
     let groups = if volumes.source.is_some() { stride.div_ceil(GROUP) } else { 1 };
     for group in 0..groups {
