@@ -20,7 +20,7 @@ class VolumeTooLargeError(McrtError, MemoryError):
 
 
 class NoAdapterError(McrtError, RuntimeError):
-    """No GPU adapter was found."""
+    """No GPU adapter was found, or the process is a fork of one that used it."""
 
 
 class DeviceLostError(McrtError, RuntimeError):

@@ -7,7 +7,7 @@ mod watch;
 use crate::backend::Device;
 use crate::backend::cpu::angular::Towards;
 use crate::backend::cpu::gather::{Volumes, beams};
-use crate::backend::cpu::{self, pixel_error};
+use crate::backend::cpu::{light, pixel_error};
 use crate::backend::run;
 use crate::error::Error;
 use crate::physics::Phase;
@@ -21,6 +21,7 @@ use convert::{Held, array, to_py};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
+use watch::Threads;
 
 /// The Rust core of mcrt.
 #[pymodule]
@@ -37,7 +38,7 @@ mod _mcrt {
 /// Raises `SceneError` if the light is not valid.
 #[pyfunction]
 fn check_light(spec: &Bound<'_, PyAny>) -> PyResult<()> {
-    convert::light(spec).map(drop)
+    convert::light(spec, &Threads::new(None)).map(drop)
 }
 
 /// Raises `SceneError` if the phase function is not valid.
@@ -116,9 +117,10 @@ fn plan<'py>(
     settings: &Bound<'py, PyDict>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (device, wish) = device(py, settings)?;
+    let threads = Threads::new(convert::optional(settings, "threads")?);
     let held = Held::new(scene)?;
-    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?.on(&device, wish != "auto"));
-    let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
+    let (scene, settings) = (held.scene(scene, &threads)?, convert::settings(settings)?.on(&device, &wish));
+    let plan = threads.run(py, || Plan::new(&scene, &settings))?;
     describe(py, &plan)
 }
 
@@ -145,12 +147,13 @@ fn simulate<'py>(
     before: Option<&Bound<'py, Unfinished>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (device, wish) = device(py, settings)?;
+    let threads = Threads::new(convert::optional(settings, "threads")?);
     let held = Held::new(scene)?;
-    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?.on(&device, wish != "auto"));
-    let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
+    let (scene, settings) = (held.scene(scene, &threads)?, convert::settings(settings)?.on(&device, &wish));
+    let plan = threads.run(py, || Plan::new(&scene, &settings))?;
     let before = before.map(|before| before.get().0.clone());
-    let (outcome, unfinished) =
-        watch::run(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
+    let (outcome, unfinished) = threads
+        .watch(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
     let out = report(py, &plan, outcome)?;
     if let Some(unfinished) = unfinished {
         out.set_item("lost", unfinished.why.to_string())?;
@@ -174,11 +177,11 @@ fn gather<'py>(
     camera: &Bound<'py, PyAny>,
     replicates: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let threads = Threads::new(convert::optional(volumes, "threads")?);
     let held = Held::new(scene)?;
-    let parsed = held.scene(scene)?;
+    let parsed = held.scene(scene, &threads)?;
     let camera = convert::camera(camera)?;
     let stored = convert::Stored::new(volumes, &parsed)?;
-    let threads: Option<usize> = convert::optional(volumes, "threads")?;
     let channels = parsed.channels();
     if stored.harmonics.is_none()
         && !parsed.medium.phase.is_isotropic()
@@ -195,7 +198,7 @@ fn gather<'py>(
     let k = if replicates { stored.replicates() } else { 0 };
     let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
     cost::check_image(pixels, (channels * (6 + k)) as u64).map_err(|e| to_py(py, e))?;
-    let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
+    let occupancy = threads.run(py, || Ok(Occupancy::new(&parsed.medium.volume)))?;
     let occupancy = occupancy.as_ref();
     let columns: Vec<_> =
         stored.columns.iter().map(|c| if c.is_some() { Column::Grid } else { Column::Rays }).collect();
@@ -209,47 +212,44 @@ fn gather<'py>(
         .zip(&columns)
         .zip(&stored.columns)
         .filter_map(|((light, how), nodes)| {
-            cpu::light::Illumination::new(&parsed, occupancy, light, *how, nodes.as_ref().map(|c| c.slice()))
+            light::Illumination::new(&parsed, occupancy, light, *how, nodes.as_ref().map(|c| c.slice()))
         })
         .collect();
     let [source, source0] = [&stored.source, &stored.source0].map(|s| s.as_ref().map(|s| s.slice()));
     let subvolumes = stored.subvolumes.as_ref().filter(|_| k > 0).map(|s| s.slice());
     let harmonics = stored.harmonics;
-    let (picture, error, bias) = watch::run(py, None, None, |control| {
-        cpu::with_threads(threads, || {
-            let stop = || control.stopped();
-            let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
-            let seen = |values: Option<&'_ [f32]>, inner: usize| match (&toward, values) {
-                (Some(toward), Some(values)) => device.contract(toward, values, inner).map(Some),
-                _ => Ok(None),
-            };
-            let (own, own0, own_sub) =
-                (seen(source, channels)?, seen(source0, channels)?, seen(subvolumes, channels * k)?);
-            let source = own.as_deref().or(source);
-            let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
-            if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
-                match &mut source0 {
-                    Some(all) => all.iter_mut().zip(&beams).for_each(|(a, b)| *a += b),
-                    None => source0 = Some(beams),
-                }
+    let (picture, error, bias) = threads.watch(py, None, None, |control| {
+        let stop = || control.stopped();
+        let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
+        let seen = |values: Option<&'_ [f32]>, inner: usize| match (&toward, values) {
+            (Some(toward), Some(values)) => device.contract(toward, values, inner).map(Some),
+            _ => Ok(None),
+        };
+        let (own, own0, own_sub) = (seen(source, channels)?, seen(source0, channels)?, seen(subvolumes, channels * k)?);
+        let source = own.as_deref().or(source);
+        let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
+        if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
+            match &mut source0 {
+                Some(all) => all.iter_mut().zip(&beams).for_each(|(a, b)| *a += b),
+                None => source0 = Some(beams),
             }
-            let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
-            let picture = device.image(&volumes, &camera, None, channels, true, &stop)?;
-            let error = match own_sub.as_deref().or(subvolumes) {
-                Some(source) => {
-                    let (lights, source) = (Vec::new(), Some(source));
-                    let each = Volumes { scene: &parsed, occupancy, lights, source, source0: None, channels };
-                    let picture = device.image(&each, &camera, None, channels * k, false, &stop)?;
-                    Some(pixel_error::spread(&picture.order2, k).1)
-                }
-                None => None,
-            };
-            let bias = match source.filter(|_| replicates) {
-                Some(source) => Some(pixel_error::bias(&device, &volumes, source, &camera, None, &stop)?),
-                None => None,
-            };
-            Ok((picture, error, bias))
-        })?
+        }
+        let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
+        let picture = device.image(&volumes, &camera, None, channels, true, &stop)?;
+        let error = match own_sub.as_deref().or(subvolumes) {
+            Some(source) => {
+                let (lights, source) = (Vec::new(), Some(source));
+                let each = Volumes { scene: &parsed, occupancy, lights, source, source0: None, channels };
+                let picture = device.image(&each, &camera, None, channels * k, false, &stop)?;
+                Some(pixel_error::spread(&picture.order2, k).1)
+            }
+            None => None,
+        };
+        let bias = match source.filter(|_| replicates) {
+            Some(source) => Some(pixel_error::bias(&device, &volumes, source, &camera, None, &stop)?),
+            None => None,
+        };
+        Ok((picture, error, bias))
     })?;
     let shape = [camera.resolution[1], camera.resolution[0]];
     let out = PyDict::new(py);

@@ -38,6 +38,7 @@ fn held<T>(lock: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Gpu {
     /// The adapter that `wish` means ([`adapter::choose`]); it stays open, and its kernels compiled.
     pub fn open(wish: &str) -> Result<Arc<Gpu>> {
+        adapter::own()?;
         let mut open = held(&OPEN);
         let open = open.get_or_insert_with(HashMap::new);
         if let Some(gpu) = open.get(wish).filter(|gpu| held(&gpu.trouble).is_none()) {
@@ -51,7 +52,9 @@ impl Gpu {
     /// The fastest adapter that is no processor, if there is one. It is looked for once.
     pub fn real() -> Option<Arc<Gpu>> {
         static FOUND: OnceLock<bool> = OnceLock::new();
-        if *FOUND.get_or_init(|| adapter::choose("").is_ok_and(|found| !adapter::is_software(&found))) {
+        if adapter::own().is_ok()
+            && *FOUND.get_or_init(|| adapter::choose("").is_ok_and(|found| !adapter::is_software(&found)))
+        {
             Gpu::open("").ok()
         } else {
             None
