@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from . import _mcrt
 from ._arguments import channels, choice, flag, integer, not_yet, positive, wrong
 from ._device import backend
-from ._errors import DeviceLostError, SceneError
+from ._errors import DeviceLostError, McrtError, SceneError
 from ._medium import Medium, emission_planes
 from ._progress import reporting
 from ._records import Plan
@@ -105,7 +105,8 @@ def simulate(
         Run even if the estimated memory is more than there is.
     progress : bool or callable, optional
         None: a tqdm bar where tqdm is installed and somebody watches. A function is called with
-        (fraction done, info) and stops the run by returning False.
+        (fraction done, info); returning False it stops the run, which keeps what is there, as
+        `time_limit` does. Ctrl-C, or an exception that it raises, ends the run without a result.
     detector, photoelectric
         Not yet available.
 
@@ -122,7 +123,10 @@ def simulate(
     NoAdapterError
         If there is no GPU adapter, or none of that name.
     DeviceLostError
-        If the GPU is lost; the error holds what was finished, and can go on from there.
+        If the GPU is lost.
+    McrtError
+        If the GPU fails otherwise. Of a run that had begun, this error and those above hold what
+        was finished (`error.partial`), and can go on from there (`error.resume()`).
 
     Notes
     -----
@@ -136,7 +140,7 @@ def simulate(
 def _run(
     scene: dict[str, Any], settings: dict[str, Any], progress: Any, before: Any = None
 ) -> Result:
-    """Run, or go on with what a lost device cut short."""
+    """Run, or go on with what an error cut short."""
 
     def resume(progress: Any = None) -> Result:
         return _run(scene, settings, progress, before)
@@ -144,12 +148,15 @@ def _run(
     try:
         with reporting(progress) as report:
             data = _mcrt.simulate(scene, settings, report, before)
-    except DeviceLostError as error:
-        raise DeviceLostError(str(error), None, resume) from None
-    lost, before = data.pop("lost", None), data.pop("unfinished", None)
+    except McrtError as error:
+        if before is not None or isinstance(error, DeviceLostError):
+            error._run = resume
+        raise
+    error, before = data.pop("error", None), data.pop("unfinished", None)
     result = Result(scene, settings, data)
-    if lost is not None:
-        raise DeviceLostError(lost, result, resume)
+    if error is not None:
+        error.partial, error._run = result, resume
+        raise error
     return result
 
 

@@ -79,6 +79,15 @@ impl Device {
         }
     }
 
+    /// Makes a call fail on an adapter: one that is not valid, or one for which there is no memory.
+    pub fn fail(&self, out_of_memory: bool) {
+        match self {
+            Device::Cpu => {}
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.fail(out_of_memory),
+        }
+    }
+
     /// An image from what a run left in the voxels ([`cpu::gather::image`]).
     pub fn image(
         &self,

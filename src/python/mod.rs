@@ -30,8 +30,8 @@ mod _mcrt {
     use super::machine::{info, probe};
     #[pymodule_export]
     use super::{
-        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, lose_device,
-        phase_eval, phase_sample, plan, simulate,
+        Unfinished, check_camera, check_light, check_phase, default_lights, fail_device, framing_camera, gather,
+        lose_device, phase_eval, phase_sample, plan, simulate,
     };
 }
 
@@ -124,7 +124,7 @@ fn plan<'py>(
     describe(py, &plan)
 }
 
-/// A run that a lost device cut short, to go on from.
+/// A run that an error cut short, to go on from.
 #[pyclass(frozen, module = "mcrt._mcrt")]
 struct Unfinished(run::Unfinished);
 
@@ -136,7 +136,7 @@ fn device(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<(Device, Str
 }
 
 /// Runs a plan, or goes on with a run of it that was cut short. If this is cut short too, the dictionary has the entries
-/// "lost", what happened, and "unfinished", to go on from.
+/// "error", the exception, and "unfinished", to go on from.
 #[pyfunction]
 #[pyo3(signature = (scene, settings, progress, before=None))]
 fn simulate<'py>(
@@ -156,7 +156,7 @@ fn simulate<'py>(
         .watch(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
     let out = report(py, &plan, outcome)?;
     if let Some(unfinished) = unfinished {
-        out.set_item("lost", unfinished.why.to_string())?;
+        out.set_item("error", to_py(py, unfinished.why.clone()))?;
         out.set_item("unfinished", Bound::new(py, Unfinished(unfinished))?)?;
     }
     Ok(out)
@@ -166,6 +166,12 @@ fn simulate<'py>(
 #[pyfunction]
 fn lose_device(py: Python<'_>, backend: &str) -> PyResult<()> {
     py.detach(|| Device::open(backend).map(|device| device.lose())).map_err(|e| to_py(py, e))
+}
+
+/// Makes a call fail on the device that a backend means: one that is not valid, or one for which there is no memory.
+#[pyfunction]
+fn fail_device(py: Python<'_>, backend: &str, out_of_memory: bool) -> PyResult<()> {
+    py.detach(|| Device::open(backend).map(|device| device.fail(out_of_memory))).map_err(|e| to_py(py, e))
 }
 
 /// Images from what a run left in the voxels.
@@ -365,6 +371,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         Stopped::TimeLimit => "time_limit",
         Stopped::Progress => "progress",
         Stopped::DeviceLost => "device lost",
+        Stopped::Error => "error",
     };
     stats.set_item("stopped_by", stopped)?;
     out.set_item("stats", stats)?;

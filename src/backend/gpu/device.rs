@@ -35,6 +35,11 @@ fn held<T>(lock: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     lock.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// The error of an adapter whose memory is used up.
+fn no_memory(name: &str) -> Error {
+    Error::VolumeTooLarge(format!("the GPU {name} has no memory left; use backend=\"cpu\""))
+}
+
 impl Gpu {
     /// The adapter that `wish` means ([`adapter::choose`]); it stays open, and its kernels compiled.
     pub fn open(wish: &str) -> Result<Arc<Gpu>> {
@@ -77,7 +82,7 @@ impl Gpu {
         let name = description.name.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let error = match error {
-                wgpu::Error::OutOfMemory { .. } => Error::VolumeTooLarge(format!("the GPU {name} has no memory left")),
+                wgpu::Error::OutOfMemory { .. } => no_memory(&name),
                 other => Error::Internal(format!("the GPU {name}: {other}")),
             };
             held(&failed).get_or_insert(error);
@@ -91,6 +96,21 @@ impl Gpu {
         self.device.destroy();
         held(&self.trouble)
             .get_or_insert_with(|| Error::DeviceLost(format!("the GPU {} was lost", self.description.name)));
+    }
+
+    /// Makes a call fail: one that is not valid, or one for which there is no memory.
+    pub fn fail(&self, out_of_memory: bool) {
+        if out_of_memory {
+            held(&self.trouble).get_or_insert_with(|| no_memory(&self.description.name));
+        } else {
+            let usage = wgpu::BufferUsages::empty();
+            self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: None,
+                size: 16,
+                usage,
+                mapped_at_creation: false,
+            });
+        }
     }
 
     /// An error if something went wrong since the device was opened.
