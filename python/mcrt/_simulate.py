@@ -121,7 +121,8 @@ def simulate(
     VolumeTooLargeError
         If the run needs more memory than there is, or than the GPU can hold.
     NoAdapterError
-        If there is no GPU adapter, or none of that name.
+        If there is no GPU adapter, or none of that name, or the process is a fork of one that used
+        the GPU.
     DeviceLostError
         If the GPU is lost.
     McrtError
@@ -152,11 +153,11 @@ def _run(
         if before is not None or isinstance(error, DeviceLostError):
             error._run = resume
         raise
-    error, before = data.pop("error", None), data.pop("unfinished", None)
+    cut_short, before = data.pop("cut_short", None), data.pop("unfinished", None)
     result = Result(scene, settings, data)
-    if error is not None:
-        error.partial, error._run = result, resume
-        raise error
+    if cut_short is not None:
+        cut_short.partial, cut_short._run = result, resume
+        raise cut_short
     return result
 
 

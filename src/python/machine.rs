@@ -36,6 +36,16 @@ pub fn info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     Ok(out)
 }
 
+/// Kernels that were compiled for a backend since it was opened, and those of them that are kept.
+#[pyfunction]
+pub fn kernels(py: Python<'_>, backend: &str) -> PyResult<(usize, usize)> {
+    match py.detach(|| Device::open(backend)).map_err(|e| to_py(py, e))? {
+        #[cfg(feature = "gpu")]
+        Device::Gpu(gpu) => Ok(gpu.compiled()),
+        Device::Cpu => Ok((0, 0)),
+    }
+}
+
 /// Runs every formula of the shaders on the adapter that the backend "gpu" takes: file, function, what it is compared with,
 /// cases, the largest error in units of the last place, and the error that rounding explains.
 #[pyfunction]

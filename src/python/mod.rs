@@ -27,7 +27,7 @@ use watch::Threads;
 #[pymodule]
 mod _mcrt {
     #[pymodule_export]
-    use super::machine::{info, probe};
+    use super::machine::{info, kernels, probe};
     #[pymodule_export]
     use super::{
         Unfinished, check_camera, check_light, check_phase, default_lights, fail_device, framing_camera, gather,
@@ -136,7 +136,7 @@ fn device(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<(Device, Str
 }
 
 /// Runs a plan, or goes on with a run of it that was cut short. If this is cut short too, the dictionary has the entries
-/// "error", the exception, and "unfinished", to go on from.
+/// "cut_short", the exception, and "unfinished", to go on from.
 #[pyfunction]
 #[pyo3(signature = (scene, settings, progress, before=None))]
 fn simulate<'py>(
@@ -156,7 +156,7 @@ fn simulate<'py>(
         .watch(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
     let out = report(py, &plan, outcome)?;
     if let Some(unfinished) = unfinished {
-        out.set_item("error", to_py(py, unfinished.why.clone()))?;
+        out.set_item("cut_short", to_py(py, unfinished.why.clone()))?;
         out.set_item("unfinished", Bound::new(py, Unfinished(unfinished))?)?;
     }
     Ok(out)
