@@ -29,6 +29,8 @@ struct Scene {
     // Column density behind which it is dark in all channels.
     enough: f32,
     spare: u32,
+    // Of Henyey and Greenstein's phase function: g, 1 - |g|, (1 - |g|)^2, (1 - g^2) / (4 pi).
+    hg: vec4<f32>,
 }
 
 @group(0) @binding(0) var<uniform> scene: Scene;

@@ -87,6 +87,8 @@ pub enum Stopped {
     Progress,
     /// The GPU was lost.
     DeviceLost,
+    /// Another error.
+    Error,
 }
 
 /// An image in layers, row by row from the top, channels fastest.

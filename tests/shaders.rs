@@ -67,7 +67,7 @@ const TWINS: [(&str, &str); 11] = [
 
 /// Functions with another name in Rust, for which WGSL has its own or no methods; those without one are parts of a
 /// function that is written otherwise there.
-const RENAMED: [(&str, &str); 21] = [
+const RENAMED: [(&str, &str); 22] = [
     ("ln_1p", ""),
     ("ln_parts", ""),
     ("angle", ""),
@@ -78,6 +78,7 @@ const RENAMED: [(&str, &str); 21] = [
     ("floor_i", ""),
     ("philox_round", "philox4x32"),
     ("unit", "uniform"),
+    ("knots", ""),
     ("phase_pdf", "pdf"),
     ("phase_sample", "sample"),
     ("newton_step", ""),
@@ -123,7 +124,7 @@ fn layouts() -> Vec<Layout> {
     vec![
         layout!("tables", "Scene", Constants,
             n block h free_path inverse_h top_extinction extinction texel albedo constant ratio albedo_texel cells last eye
-            seed enough spare),
+            seed enough spare hg),
         layout!("light", "Light", lights::Light, place is_point value rays first has_nodes check spare),
         layout!("start", "Emitter", emit::Constants,
             step first colour count place distance axis cap faces scale below_x below_y rows width height spare),

@@ -4,6 +4,7 @@ Nothing here depends on chance but how rounding falls on this adapter.
 """
 
 import functools
+import pickle
 import sys
 import threading
 import time
@@ -69,11 +70,12 @@ class Loser:
 
     def __init__(self, fraction):
         self.fraction, self.lost = fraction, False
+        self.break_it = lambda: _mcrt.lose_device(GPU)
 
     def __call__(self, fraction, info):
         if fraction >= self.fraction and not self.lost:
             self.lost = True
-            _mcrt.lose_device(GPU)
+            self.break_it()
 
 
 def lost(start):
@@ -139,6 +141,50 @@ def test_a_loss_at_any_time_costs_nothing_but_time(delay):
     # Otherwise the CPU may have done what was left after the last photon: it rounds differently.
     if cut_short:
         assert bits(result) == expected
+
+
+FAILURES = {
+    "no memory": mcrt.VolumeTooLargeError,
+    "a call that is not valid": mcrt.McrtError,
+    "a bad argument": mcrt.SceneError,
+}
+
+
+def failed(start, kind):
+    with pytest.raises(mcrt.McrtError) as caught:
+        start()
+    assert type(caught.value) is FAILURES[kind]
+    return caught.value
+
+
+class Breaker(Loser):
+    """A progress function that makes the device fail once, when that much is done."""
+
+    def __init__(self, fraction, kind):
+        super().__init__(fraction)
+        self.break_it = lambda: _mcrt.fail_device(GPU, kind == "no memory")
+
+
+@pytest.mark.parametrize("kind", list(FAILURES)[:2])
+@pytest.mark.parametrize("name", LONG)
+def test_a_run_whose_device_fails_keeps_what_it_has_and_goes_on_to_the_same_bits(name, kind):
+    expected = bits(whole(name))
+    error = failed(lambda: long_run(name, progress=Breaker(EARLY[name], kind)), kind)
+    assert error.partial.stats.stopped_by == "error"
+    assert 0 < error.partial.stats.photons < whole(name).stats.photons
+    copy = pickle.loads(pickle.dumps(error))
+    assert (type(copy), str(copy)) == (type(error), str(error))
+    assert bits(copy.partial) == bits(error.partial)
+    walks = []
+    assert bits(error.resume(progress=lambda _, info: walks.append(info["photons"]))) == expected
+    assert min(filter(None, walks)) > error.partial.stats.photons  # nothing is done twice
+
+
+def test_an_error_without_a_run_has_nothing_to_go_on_with():
+    error = failed(lambda: run(extinction=-1), "a bad argument")
+    assert error.partial is None
+    with pytest.raises(mcrt.McrtError, match="no run to go on with"):
+        error.resume()
 
 
 def test_images_are_gathered_after_the_device_was_lost():

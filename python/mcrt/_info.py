@@ -27,7 +27,10 @@ def show_info() -> None:
             f"buffers up to {_size(adapter['buffer'])}, {_size(adapter['binding'])} in one piece; "
             f"volumes up to {adapter['extent']} voxels along an axis",
         )
-    _show("backend", f'"auto" takes {_auto(adapters)}', f'"gpu" takes {_gpu(adapters)}')
+    if "refusal" in info:
+        _show("backend", '"auto" takes the CPU', f'"gpu" takes nothing: {info["refusal"]}')
+    else:
+        _show("backend", f'"auto" takes {_auto(adapters)}', f'"gpu" takes {_gpu(adapters)}')
 
 
 def show_probes() -> None:

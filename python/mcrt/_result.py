@@ -289,7 +289,7 @@ class Result:
     @cached_property
     def _core(self) -> _mcrt.Scene:
         """The scene as the Rust core keeps it."""
-        return _mcrt.Scene(self._scene)
+        return _mcrt.Scene(self._scene, self._settings["threads"])
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_core"}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import _mcrt
 from ._arguments import Value, channels, choice, flag, integer, not_yet, positive, wrong
 from ._device import backend
-from ._errors import DeviceLostError, SceneError
+from ._errors import DeviceLostError, McrtError, SceneError
 from ._medium import Medium, emission_planes
 from ._progress import reporting
 from ._records import Plan
@@ -108,7 +108,8 @@ def simulate(
         Run even if the estimated memory is more than there is.
     progress : bool or callable, optional
         None: a tqdm bar where tqdm is installed and somebody watches. A function is called with
-        (fraction done, info) and stops the run by returning False.
+        (fraction done, info); returning False it stops the run, which keeps what is there, as
+        `time_limit` does. Ctrl-C, or an exception that it raises, ends the run without a result.
     detector, photoelectric
         Not yet available.
 
@@ -124,9 +125,13 @@ def simulate(
     VolumeTooLargeError
         If the run needs more memory than there is, or than the GPU can hold.
     NoAdapterError
-        If there is no GPU adapter, or none of that name.
+        If there is no GPU adapter, or none of that name, or the process is a fork of one that used
+        the GPU.
     DeviceLostError
-        If the GPU is lost; the error holds what was finished, and can go on from there.
+        If the GPU is lost.
+    McrtError
+        If the GPU fails otherwise. Of a run that had begun, this error and those above hold what
+        was finished (`error.partial`), and can go on from there (`error.resume()`).
 
     Notes
     -----
@@ -134,7 +139,7 @@ def simulate(
     (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' + L_e for the radiance L.
     """
     scene, settings, progress = _parse(locals())
-    return _run(_mcrt.Scene(scene), scene, settings, progress)
+    return _run(_mcrt.Scene(scene, settings["threads"]), scene, settings, progress)
 
 
 def _run(
@@ -144,7 +149,7 @@ def _run(
     progress: Any,
     before: Any = None,
 ) -> Result:
-    """Run, or go on with what a lost device cut short."""
+    """Run, or go on with what an error cut short."""
 
     def resume(progress: Any = None) -> Result:
         return _run(core, scene, settings, progress, before)
@@ -154,12 +159,15 @@ def _run(
             data = _mcrt.simulate(core, settings, report, before)
         _remark(data["plan"], settings)
         data["warnings"] = [*settings["remarks"]["warnings"], *data["warnings"]]
-    except DeviceLostError as error:
-        raise DeviceLostError(str(error), None, resume) from None
-    lost, before = data.pop("lost", None), data.pop("unfinished", None)
+    except McrtError as error:
+        if before is not None or isinstance(error, DeviceLostError):
+            error._run = resume
+        raise
+    cut_short, before = data.pop("cut_short", None), data.pop("unfinished", None)
     result = Result(scene, settings, data, core=core)
-    if lost is not None:
-        raise DeviceLostError(lost, result, resume)
+    if cut_short is not None:
+        cut_short.partial, cut_short._run = result, resume
+        raise cut_short
     if data["stats"]["stopped_by"] == "target_error":
         result._keep_judged()
     return result
@@ -213,7 +221,7 @@ def plan(
         As `simulate`.
     """
     scene, settings, _ = _parse(locals())
-    planned = Plan(_mcrt.plan(_mcrt.Scene(scene), settings))
+    planned = Plan(_mcrt.plan(_mcrt.Scene(scene, settings["threads"]), settings))
     _remark(planned, settings)
     planned._scene = scene, settings
     return planned

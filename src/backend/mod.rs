@@ -63,12 +63,29 @@ impl Device {
         }
     }
 
+    /// Whether GPUs are refused, for this process was forked from one that looked for them.
+    fn is_inherited() -> bool {
+        #[cfg(feature = "gpu")]
+        return gpu::adapter::own().is_err();
+        #[cfg(not(feature = "gpu"))]
+        return false;
+    }
+
     /// Gives an adapter up, as a driver does that crashes.
     pub fn lose(&self) {
         match self {
             Device::Cpu => {}
             #[cfg(feature = "gpu")]
             Device::Gpu(gpu) => gpu.lose(),
+        }
+    }
+
+    /// Makes a call fail on an adapter: one that is not valid, or one for which there is no memory.
+    pub fn fail(&self, out_of_memory: bool) {
+        match self {
+            Device::Cpu => {}
+            #[cfg(feature = "gpu")]
+            Device::Gpu(gpu) => gpu.fail(out_of_memory),
         }
     }
 
@@ -100,9 +117,18 @@ impl Device {
 }
 
 impl Settings {
-    /// The same settings on a device, which was asked for or found.
-    pub fn on(self, device: &Device, asked: bool) -> Self {
-        Settings { adapter: device.adapter(), asked, ..self }
+    /// The same settings on the device that was opened for `wish`.
+    pub fn on(self, device: &Device, wish: &str) -> Self {
+        let chosen = match (wish, device) {
+            ("auto", Device::Cpu) if Device::is_inherited() => {
+                "the GPU is left to the process that this one was forked from"
+            }
+            ("auto", Device::Cpu) => "no GPU was found (a software adapter is taken only if asked for)",
+            #[cfg(feature = "gpu")]
+            ("auto", Device::Gpu(_)) => "a GPU was found",
+            _ => "asked for",
+        };
+        Settings { adapter: device.adapter(), chosen, ..self }
     }
 }
 

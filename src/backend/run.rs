@@ -26,12 +26,20 @@ pub trait Shooter {
     fn bins(&mut self) -> Result<&mut [Vec<Bins>]>;
 }
 
-/// A run that a lost device cut short: what it had finished, from which it goes on to the same bits.
+/// A run that an error cut short: what it had finished, from which it goes on to the same bits.
 #[derive(Debug, Clone)]
 pub struct Unfinished {
     /// What happened.
     pub why: Error,
     rest: Rest,
+}
+
+/// How a run ends that an error cuts short.
+pub fn stopped_by(why: &Error) -> Stopped {
+    match why {
+        Error::DeviceLost(_) => Stopped::DeviceLost,
+        _ => Stopped::Error,
+    }
 }
 
 /// What a run left.
@@ -111,8 +119,8 @@ fn run_here(
         };
         let ended = shooting().and_then(|mut shooter| batches(plan, &mut *shooter, power, error, control, &mut shot));
         match ended {
-            Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
-                shot.stopped = Stopped::DeviceLost;
+            Err(why) if shot.batches > 0 && why != Error::Interrupted => {
+                shot.stopped = stopped_by(&why);
                 unfinished = Some(Unfinished { why, rest: Rest::Photons(Box::new(shot.clone())) });
             }
             ended => ended?,

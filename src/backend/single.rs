@@ -40,13 +40,13 @@ pub struct Lit<'v, 'a> {
 /// The unscattered light of all lights that are found by quadrature.
 pub fn single(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
     match single_on(plan, views, device, control) {
-        // With a device nothing is lost that the CPU could not find too.
-        Err(Error::DeviceLost(_)) => single_on(plan, views, &Device::Cpu, control),
+        // Where a device fails nothing is lost that the CPU could not find too.
+        Err(why) if why != Error::Interrupted => single_on(plan, views, &Device::Cpu, control),
         found => found,
     }
 }
 
-/// The same on a device that does not get lost.
+/// The same on a device that does not fail.
 fn single_on(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
     let values = plan.scene.medium.volume.voxels() * plan.channels;
     let mut sum = Single {

@@ -27,13 +27,8 @@ impl Explain {
     }
 
     pub fn device(&mut self, settings: &Settings) {
-        let (choice, reason) = match (&settings.adapter, settings.asked) {
-            (Some(adapter), true) => (format!("gpu: {}", adapter.name), "asked for"),
-            (Some(adapter), false) => (format!("gpu: {}", adapter.name), "a GPU was found"),
-            (None, true) => ("cpu".into(), "asked for"),
-            (None, false) => ("cpu".into(), "no GPU was found (a software adapter is taken only if asked for)"),
-        };
-        self.push("backend", choice, reason.into());
+        let choice = settings.adapter.as_ref().map_or("cpu".into(), |adapter| format!("gpu: {}", adapter.name));
+        self.push("backend", choice, settings.chosen.into());
     }
 
     pub fn camera(&mut self, camera: &Camera) {

@@ -161,8 +161,8 @@ pub struct Settings {
     pub simd: Option<Simd>,
     /// The adapter that runs it, `None` for the CPU.
     pub adapter: Option<Adapter>,
-    /// Whether that was asked for.
-    pub asked: bool,
+    /// Why that, in a few words.
+    pub chosen: &'static str,
     /// Whether `target_error` is over voxels rather than pixels.
     pub over_voxels: bool,
 }
@@ -187,7 +187,7 @@ impl Default for Settings {
             angular: Angular::Eye,
             simd: None,
             adapter: None,
-            asked: false,
+            chosen: "asked for",
             over_voxels: false,
         }
     }

@@ -1,11 +1,13 @@
 //! Python values to scenes and settings, arrays back.
 
+use super::watch::Threads;
 use crate::error::Error;
 use crate::physics::Phase;
 use crate::plan::{Angular, Settings};
 use crate::result::{Energy, Share};
 use crate::scene::camera::Eye;
 use crate::scene::environment::Map;
+use crate::scene::volume::placed;
 use crate::scene::{Albedo, Camera, Emission, Light, Medium, Scene, Spectrum, Volume, Voxels};
 use numpy::{
     PyArray1, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArray4,
@@ -59,7 +61,7 @@ fn point(value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
 }
 
 /// A light from its spec.
-pub fn light(spec: &Bound<'_, PyAny>) -> PyResult<Light> {
+pub fn light(spec: &Bound<'_, PyAny>, threads: &Threads) -> PyResult<Light> {
     let py = spec.py();
     let kind: String = spec.get_item(0)?.extract()?;
     let at = |i: usize| spec.get_item(i);
@@ -72,7 +74,8 @@ pub fn light(spec: &Bound<'_, PyAny>) -> PyResult<Light> {
                 let (shape, texels) = (map.shape(), map.as_slice()?.to_vec());
                 let [height, width] = [0, 1].map(|axis| shape.get(axis).copied().unwrap_or(0));
                 let channels = shape.get(2).copied().unwrap_or(1);
-                py.detach(|| Map::new(texels, width, height, channels).and_then(Light::environment_map))
+                let found = || Map::new(texels, width, height, channels).and_then(Light::environment_map);
+                return threads.run(py, found);
             }
             Err(_) => Light::environment(&numbers(&at(1)?)?),
         },
@@ -123,8 +126,7 @@ pub fn box_size(py: Python<'_>, shape: [usize; 3], spacing: [f64; 3], origin: [f
     if shape.contains(&0) {
         return Err(scene_error(py, format!("the volume's shape {shape:?} has no voxels")));
     }
-    // One voxel stands for all: spacing and origin are checked as they are for a volume.
-    Volume::new(&[0.0], [1; 3], turned(spacing), origin, false).map_err(|e| to_py(py, e))?;
+    placed(turned(spacing), origin).map_err(|e| to_py(py, e))?;
     let (n, h) = (turned(shape), turned(spacing));
     Ok(std::array::from_fn(|a| n[a] as f64 * h[a]))
 }
@@ -174,7 +176,7 @@ impl<'py> Held<'py> {
     }
 
     /// Parses the scene.
-    pub fn scene<'a>(&'a self, dict: &Bound<'py, PyDict>) -> PyResult<Scene<'a>> {
+    pub fn scene<'a>(&'a self, dict: &Bound<'py, PyDict>, threads: &Threads) -> PyResult<Scene<'a>> {
         let py = dict.py();
         let fail = |e| to_py(py, e);
         let shape = self.density.shape();
@@ -183,7 +185,7 @@ impl<'py> Held<'py> {
         let linear: bool = get(dict, "linear")?.extract()?;
         let density = self.density.as_slice()?;
         let n = [shape[2], shape[1], shape[0]];
-        let volume = py.detach(|| Volume::new(density, n, turned(spacing), origin, linear)).map_err(fail)?;
+        let volume = threads.run(py, || Volume::new(density, n, turned(spacing), origin, linear))?;
         let ball = optional::<String>(dict, "shape")?.is_some_and(|shape| shape == "sphere");
         let volume = if ball { volume.ball().map_err(fail)? } else { volume };
         let extinction = Spectrum::new(&numbers(&get(dict, "extinction")?)?, "extinction").map_err(fail)?;
@@ -206,12 +208,12 @@ impl<'py> Held<'py> {
         let emission = match &self.emission {
             Some(values) => {
                 let (shape, values) = (values.shape(), values.as_slice()?);
-                Some(py.detach(|| Emission::new(values, shape[0], &medium.volume)).map_err(fail)?)
+                Some(threads.run(py, || Emission::new(values, shape[0], &medium.volume))?)
             }
             None => None,
         };
         let medium = medium.emitting(emission);
-        let lights = get(dict, "lights")?.try_iter()?.map(|l| light(&l?)).collect::<PyResult<Vec<_>>>()?;
+        let lights = get(dict, "lights")?.try_iter()?.map(|l| light(&l?, threads)).collect::<PyResult<Vec<_>>>()?;
         Ok(Scene::new(medium, lights, camera(&get(dict, "camera")?)?))
     }
 }

@@ -9,7 +9,7 @@ use crate::backend::Device;
 use crate::backend::cpu::angular::Towards;
 use crate::backend::cpu::gather::{Volumes, beams, samples};
 use crate::backend::cpu::light::{Fine, Illumination};
-use crate::backend::cpu::{self, pixel_error};
+use crate::backend::cpu::pixel_error;
 use crate::backend::run;
 use crate::backend::single::quiet;
 use crate::error::Error;
@@ -25,25 +25,26 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use scene::Prepared;
+use watch::Threads;
 
 /// The Rust core of mcrt.
 #[pymodule]
 mod _mcrt {
     #[pymodule_export]
-    use super::machine::{info, probe};
+    use super::machine::{info, kernels, probe};
     #[pymodule_export]
     use super::scene::Prepared;
     #[pymodule_export]
     use super::{
-        Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, lose_device,
-        phase_eval, phase_sample, plan, simulate, unscattered,
+        Unfinished, check_camera, check_light, check_phase, default_lights, fail_device, framing_camera, gather,
+        lose_device, phase_eval, phase_sample, plan, simulate, unscattered,
     };
 }
 
 /// Raises `SceneError` if the light is not valid.
 #[pyfunction]
 fn check_light(spec: &Bound<'_, PyAny>) -> PyResult<()> {
-    convert::light(spec).map(drop)
+    convert::light(spec, &Threads::new(None)).map(drop)
 }
 
 /// Raises `SceneError` if the phase function is not valid.
@@ -123,12 +124,13 @@ fn plan<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let (device, wish) = device(py, settings)?;
     let held = scene.get().hold(py)?;
-    let (scene, settings) = (scene.get().scene(&held)?, convert::settings(settings)?.on(&device, wish != "auto"));
-    let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
+    let (scene, settings) = (scene.get().scene(&held)?, convert::settings(settings)?.on(&device, &wish));
+    let threads = Threads::new(settings.threads);
+    let plan = threads.run(py, || Plan::new(&scene, &settings))?;
     describe(py, &plan)
 }
 
-/// A run that a lost device cut short, to go on from.
+/// A run that an error cut short, to go on from.
 #[pyclass(frozen, module = "mcrt._mcrt")]
 struct Unfinished(run::Unfinished);
 
@@ -140,7 +142,7 @@ fn device(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<(Device, Str
 }
 
 /// Runs a plan, or goes on with a run of it that was cut short. If this is cut short too, the dictionary has the entries
-/// "lost", what happened, and "unfinished", to go on from.
+/// "cut_short", the exception, and "unfinished", to go on from.
 #[pyfunction]
 #[pyo3(signature = (scene, settings, progress, before=None))]
 fn simulate<'py>(
@@ -152,14 +154,15 @@ fn simulate<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let (device, wish) = device(py, settings)?;
     let held = scene.get().hold(py)?;
-    let (scene, settings) = (scene.get().scene(&held)?, convert::settings(settings)?.on(&device, wish != "auto"));
-    let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
+    let (scene, settings) = (scene.get().scene(&held)?, convert::settings(settings)?.on(&device, &wish));
+    let threads = Threads::new(settings.threads);
+    let plan = threads.run(py, || Plan::new(&scene, &settings))?;
     let before = before.map(|before| before.get().0.clone());
-    let (outcome, unfinished) =
-        watch::run(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
+    let (outcome, unfinished) = threads
+        .watch(py, settings.time_limit, progress.as_ref(), |control| run::run(&plan, &device, control, before))?;
     let out = report(py, &plan, outcome)?;
     if let Some(unfinished) = unfinished {
-        out.set_item("lost", unfinished.why.to_string())?;
+        out.set_item("cut_short", to_py(py, unfinished.why.clone()))?;
         out.set_item("unfinished", Bound::new(py, Unfinished(unfinished))?)?;
     }
     Ok(out)
@@ -169,6 +172,12 @@ fn simulate<'py>(
 #[pyfunction]
 fn lose_device(py: Python<'_>, backend: &str) -> PyResult<()> {
     py.detach(|| Device::open(backend).map(|device| device.lose())).map_err(|e| to_py(py, e))
+}
+
+/// Makes a call fail on the device that a backend means: one that is not valid, or one for which there is no memory.
+#[pyfunction]
+fn fail_device(py: Python<'_>, backend: &str, out_of_memory: bool) -> PyResult<()> {
+    py.detach(|| Device::open(backend).map(|device| device.fail(out_of_memory))).map_err(|e| to_py(py, e))
 }
 
 /// What unscattered light adds to the arrays that a run left, and its energy balance, where `energy` lacks that light.
@@ -184,14 +193,12 @@ fn unscattered<'py>(
     let held = scene.hold(py)?;
     let parsed = scene.scene(&held)?;
     // The run that this belongs to was let through.
-    let settings = Settings { force: true, ..convert::settings(settings)?.on(&device, true) };
+    let settings = Settings { force: true, ..convert::settings(settings)?.on(&device, "cpu") };
     let energy = energy.map(convert::energy_of).transpose()?;
-    let (order0, channels) = watch::run(py, None, None, |control| {
-        cpu::with_threads(settings.threads, || {
-            let plan = Plan::new(&parsed, &settings)?;
-            let occupancy = scene.occupancy(&parsed);
-            Ok((run::order0(&plan, occupancy, &device, control, energy)?, plan.channels))
-        })?
+    let (order0, channels) = Threads::new(settings.threads).watch(py, None, None, |control| {
+        let plan = Plan::new(&parsed, &settings)?;
+        let occupancy = scene.occupancy(&parsed);
+        Ok((run::order0(&plan, occupancy, &device, control, energy)?, plan.channels))
     })?;
     report_order0(py, order0, parsed.medium.volume.n(), channels)
 }
@@ -233,7 +240,7 @@ fn gather<'py>(
     let parsed = scene.scene(&held)?;
     let camera = convert::camera(camera)?;
     let stored = convert::Stored::new(volumes, &parsed)?;
-    let threads: Option<usize> = convert::optional(volumes, "threads")?;
+    let threads = Threads::new(convert::optional(volumes, "threads")?);
     let channels = parsed.channels();
     if stored.harmonics.is_none()
         && !parsed.medium.phase.is_isotropic()
@@ -258,56 +265,52 @@ fn gather<'py>(
     if replicates {
         // What is found without photons has no noise: it is left out.
         let Some(subvolumes) = subvolumes else { return Ok(out) };
-        let error = watch::run(py, None, None, |control| {
-            cpu::with_threads(threads, || {
-                let stop = || control.stopped();
-                let seen = harmonics
-                    .map(|order| device.contract(&Towards::new(&parsed, &camera, order), subvolumes, channels * k));
-                let seen = seen.transpose()?;
-                let volumes = Volumes {
-                    scene: &parsed,
-                    occupancy: scene.occupancy(&parsed),
-                    lights: Vec::new(),
-                    source: Some(seen.as_deref().unwrap_or(subvolumes)),
-                    source0: None,
-                    channels,
-                };
-                let picture = device.image(&volumes, &camera, None, channels * k, false, &stop)?;
-                Ok(pixel_error::spread(&picture.order2, k).1)
-            })?
+        let error = threads.watch(py, None, None, |control| {
+            let stop = || control.stopped();
+            let seen = harmonics
+                .map(|order| device.contract(&Towards::new(&parsed, &camera, order), subvolumes, channels * k));
+            let seen = seen.transpose()?;
+            let volumes = Volumes {
+                scene: &parsed,
+                occupancy: scene.occupancy(&parsed),
+                lights: Vec::new(),
+                source: Some(seen.as_deref().unwrap_or(subvolumes)),
+                source0: None,
+                channels,
+            };
+            let picture = device.image(&volumes, &camera, None, channels * k, false, &stop)?;
+            Ok(pixel_error::spread(&picture.order2, k).1)
         })?;
         out.set_item("error", array(py, error, &shape, channels, 1)?)?;
         return Ok(out);
     }
-    let picture = watch::run(py, None, None, |control| {
-        cpu::with_threads(threads, || {
-            let stop = || control.stopped();
-            let occupancy = scene.occupancy(&parsed);
-            let samples = samples(&parsed, &camera, pixels);
-            let view = |(at, light): (usize, &Light)| {
-                let column = if columns[at].is_some() { Column::Grid } else { Column::Rays };
-                let view = Illumination::new(&parsed, occupancy, light, column, columns[at])?;
-                let fine = fine[at] && matches!(device, Device::Cpu) && Fine::pays(&view, samples);
-                Some(if fine { scene.fine(at, &view, &stop).map(|fine| view.between(fine)) } else { Ok(view) })
-            };
-            let lights = parsed.lights.iter().enumerate().filter(|_| !dark).filter_map(view).collect::<Result<_>>()?;
-            let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
-            let seen = |values: Option<&'_ [f32]>| match (&toward, values) {
-                (Some(toward), Some(values)) => device.contract(toward, values, channels).map(Some),
-                _ => Ok(None),
-            };
-            let (own, own0) = (seen(source)?, seen(source0)?);
-            let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
-            if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
-                match &mut source0 {
-                    Some(all) => all.iter_mut().zip(&beams).for_each(|(a, b)| *a += b),
-                    None => source0 = Some(beams),
-                }
+    let picture = threads.watch(py, None, None, |control| {
+        let stop = || control.stopped();
+        let occupancy = scene.occupancy(&parsed);
+        let samples = samples(&parsed, &camera, pixels);
+        let view = |(at, light): (usize, &Light)| {
+            let column = if columns[at].is_some() { Column::Grid } else { Column::Rays };
+            let view = Illumination::new(&parsed, occupancy, light, column, columns[at])?;
+            let fine = fine[at] && matches!(device, Device::Cpu) && Fine::pays(&view, samples);
+            Some(if fine { scene.fine(at, &view, &stop).map(|fine| view.between(fine)) } else { Ok(view) })
+        };
+        let lights = parsed.lights.iter().enumerate().filter(|_| !dark).filter_map(view).collect::<Result<_>>()?;
+        let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
+        let seen = |values: Option<&'_ [f32]>| match (&toward, values) {
+            (Some(toward), Some(values)) => device.contract(toward, values, channels).map(Some),
+            _ => Ok(None),
+        };
+        let (own, own0) = (seen(source)?, seen(source0)?);
+        let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
+        if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
+            match &mut source0 {
+                Some(all) => all.iter_mut().zip(&beams).for_each(|(a, b)| *a += b),
+                None => source0 = Some(beams),
             }
-            let source = own.as_deref().or(source);
-            let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
-            device.image(&volumes, &camera, None, channels, true, &stop)
-        })?
+        }
+        let source = own.as_deref().or(source);
+        let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
+        device.image(&volumes, &camera, None, channels, true, &stop)
     })?;
     for (name, layer) in [
         ("background", picture.background),
@@ -417,6 +420,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         Stopped::TimeLimit => "time_limit",
         Stopped::Progress => "progress",
         Stopped::DeviceLost => "device lost",
+        Stopped::Error => "error",
     };
     stats.set_item("stopped_by", stopped)?;
     out.set_item("stats", stats)?;

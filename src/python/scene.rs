@@ -1,6 +1,7 @@
 //! A scene that lives in Rust as long as its result: parsed once, with what was found out about it.
 
 use super::convert::Held;
+use super::watch::Threads;
 use crate::backend::cpu::light::{Fine, Illumination};
 use crate::error::{Error, Result};
 use crate::scene::field::Occupancy;
@@ -25,11 +26,12 @@ pub struct Prepared {
 
 #[pymethods]
 impl Prepared {
-    /// Parses a scene; raises `SceneError` if it is not valid.
+    /// Parses a scene on so many threads; raises `SceneError` if it is not valid.
     #[new]
-    fn new(scene: &Bound<'_, PyDict>) -> PyResult<Self> {
+    #[pyo3(signature = (scene, threads=None))]
+    fn new(scene: &Bound<'_, PyDict>, threads: Option<usize>) -> PyResult<Self> {
         let held = Held::new(scene)?;
-        let parsed = held.scene(scene)?;
+        let parsed = held.scene(scene, &Threads::new(threads))?;
         Ok(Prepared {
             scene: parsed.holding(&Voxels::default()),
             occupancy: OnceLock::new(),

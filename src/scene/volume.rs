@@ -32,13 +32,7 @@ impl<'a> Volume<'a> {
         if density.len() != voxels {
             return scene_error(format!("{} densities were given for {voxels} voxels", density.len()));
         }
-        if spacing.iter().any(|h| !(*h >= 1e-12 && *h <= 1e12)) {
-            return scene_error(format!(
-                "spacing (dz, dy, dx) = ({}, {}, {}) is not allowed; each must be finite and positive (1e-12 to 1e12)",
-                spacing[2], spacing[1], spacing[0]
-            ));
-        }
-        let origin = super::finite(origin, "origin")?;
+        let origin = placed(spacing, origin)?;
         let bad = |d: &&f32| !(d.is_finite() && **d >= 0.0);
         let (valid, min, max, sum) = survey(density);
         if !valid && let Some(first) = density.iter().position(|d| bad(&d)) {
@@ -148,6 +142,17 @@ impl<'a> Volume<'a> {
     pub fn local(&self, world: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| world[a] - self.origin[a])
     }
+}
+
+/// The origin, where it and the spacing are allowed.
+pub fn placed(spacing: [f64; 3], origin: [f64; 3]) -> Result<[f64; 3]> {
+    if spacing.iter().any(|h| !(*h >= 1e-12 && *h <= 1e12)) {
+        return scene_error(format!(
+            "spacing (dz, dy, dx) = ({}, {}, {}) is not allowed; each must be finite and positive (1e-12 to 1e12)",
+            spacing[2], spacing[1], spacing[0]
+        ));
+    }
+    super::finite(origin, "origin")
 }
 
 /// Whether all densities are valid, the smallest, the largest, and their sum, which does not depend on the threads.

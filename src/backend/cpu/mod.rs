@@ -25,16 +25,25 @@ use crate::scene::field::Field;
 use crate::tally::Bins;
 use emit::Emitter;
 use lanes::Laned;
+use rayon::ThreadPool;
 use shoot::{Energies, Engine, OneByOne, Walk};
 use track::{Analytic, March, Woodcock};
 
-/// Runs `work` on a pool of the given number of threads.
-pub fn with_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> T + Send) -> Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new()
+/// A pool of the given number of threads, for one call. None is kept, nor is the one used that rayon has for all: a process
+/// that forks leaves its threads behind, and who waits for one of a pool then waits for ever.
+pub fn pool(threads: Option<usize>) -> Result<ThreadPool> {
+    rayon::ThreadPoolBuilder::new()
         .num_threads(cost::threads(threads))
         .build()
-        .map_err(|e| Error::Internal(format!("the threads could not be started: {e}")))?;
-    Ok(pool.install(work))
+        .map_err(|e| Error::Internal(format!("the threads could not be started: {e}")))
+}
+
+/// Runs `work` on a pool of the given number of threads: the one that this is called from, if it has as many.
+pub fn with_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> T + Send) -> Result<T> {
+    if rayon::current_thread_index().is_some() && rayon::current_num_threads() == cost::threads(threads) {
+        return Ok(work());
+    }
+    Ok(pool(threads)?.install(work))
 }
 
 /// Shoots on all cores.

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use pollster::block_on;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// What an adapter says of itself.
 #[derive(Debug, Clone)]
@@ -53,26 +54,44 @@ pub fn describe(adapter: &wgpu::Adapter) -> Description {
     }
 }
 
+/// The process that looked for adapters first, or 0.
+static OWNER: AtomicU32 = AtomicU32::new(0);
+
+/// Makes this process the one that uses drivers. A fork of one that did is refused: it lacks the threads of the drivers,
+/// and whatever another thread had locked, it finds locked for ever.
+pub fn own() -> Result<()> {
+    let this = std::process::id();
+    match OWNER.compare_exchange(0, this, Relaxed, Relaxed) {
+        Err(owner) if owner != this => Err(Error::NoAdapter(format!(
+            "this process is a fork of process {owner}, which used the GPU or looked for one, and a driver works only in \
+             the process that loaded it; start processes by \"spawn\" or \"forkserver\", as \
+             multiprocessing.get_context(\"spawn\") does, or use backend=\"cpu\""
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// All adapters that can run kernels, the fastest kind first.
-pub fn all() -> Vec<wgpu::Adapter> {
+pub fn all() -> Result<Vec<wgpu::Adapter>> {
+    own()?;
     let mut options = wgpu::InstanceDescriptor::new_without_display_handle();
     options.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
     let instance = wgpu::Instance::new(options);
     let mut found = block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     found.retain(|adapter| adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS));
     found.sort_by_key(rank);
-    found
+    Ok(found)
 }
 
 /// What all adapters say of themselves, the fastest kind first.
-pub fn descriptions() -> Vec<Description> {
-    all().iter().map(describe).collect()
+pub fn descriptions() -> Result<Vec<Description>> {
+    Ok(all()?.iter().map(describe).collect())
 }
 
 /// The adapter that `wish` means: "high" (or nothing) is the fastest kind, "low" an integrated one before all others, and
 /// anything else a part of a name, in either case of letters.
 pub fn choose(wish: &str) -> Result<wgpu::Adapter> {
-    let mut found = all();
+    let mut found = all()?;
     let names: Vec<String> = found.iter().map(|adapter| adapter.get_info().name).collect();
     let at = match wish.to_lowercase().as_str() {
         "" | "high" => found.first().map(|_| 0),

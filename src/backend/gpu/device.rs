@@ -26,7 +26,7 @@ pub struct Gpu {
     pub software: bool,
     /// What went wrong outside of any call: the loss of the device, or an error.
     trouble: Arc<Mutex<Option<Error>>>,
-    kernels: Mutex<HashMap<Source, Arc<Kernel>>>,
+    kernels: Mutex<Kernels>,
     /// The scene that was looked at last.
     scene: Mutex<Option<Kept>>,
 }
@@ -39,6 +39,37 @@ struct Kept {
     scene: Arc<GpuScene>,
 }
 
+/// Kernels that are kept.
+const KEPT: usize = 64;
+
+/// Compiled kernels.
+#[derive(Debug, Default)]
+struct Kernels {
+    /// The one that was asked for last at the end.
+    kept: Vec<(Source, Arc<Kernel>)>,
+    /// What sources come to ([`Source::reduced`]).
+    known: HashMap<Source, Source>,
+    /// How many were compiled.
+    compiled: usize,
+}
+
+impl Kernels {
+    fn find(&mut self, source: &Source) -> Option<Arc<Kernel>> {
+        let at = self.kept.iter().position(|(one, _)| one == source)?;
+        self.kept[at..].rotate_left(1);
+        self.kept.last().map(|(_, kernel)| kernel.clone())
+    }
+
+    fn keep(&mut self, source: Source, kernel: Arc<Kernel>) {
+        self.compiled += 1;
+        if self.kept.len() == KEPT {
+            let (gone, _) = self.kept.remove(0);
+            self.known.retain(|_, known| *known != gone);
+        }
+        self.kept.push((source, kernel));
+    }
+}
+
 /// The open adapters by the wish that they met.
 static OPEN: Mutex<Option<HashMap<String, Arc<Gpu>>>> = Mutex::new(None);
 
@@ -47,9 +78,15 @@ fn held<T>(lock: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     lock.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// The error of an adapter whose memory is used up.
+fn no_memory(name: &str) -> Error {
+    Error::VolumeTooLarge(format!("the GPU {name} has no memory left; use backend=\"cpu\""))
+}
+
 impl Gpu {
     /// The adapter that `wish` means ([`adapter::choose`]); it stays open, and its kernels compiled.
     pub fn open(wish: &str) -> Result<Arc<Gpu>> {
+        adapter::own()?;
         let mut open = held(&OPEN);
         let open = open.get_or_insert_with(HashMap::new);
         if let Some(gpu) = open.get(wish).filter(|gpu| held(&gpu.trouble).is_none()) {
@@ -63,7 +100,9 @@ impl Gpu {
     /// The fastest adapter that is no processor, if there is one. It is looked for once.
     pub fn real() -> Option<Arc<Gpu>> {
         static FOUND: OnceLock<bool> = OnceLock::new();
-        if *FOUND.get_or_init(|| adapter::choose("").is_ok_and(|found| !adapter::is_software(&found))) {
+        if adapter::own().is_ok()
+            && *FOUND.get_or_init(|| adapter::choose("").is_ok_and(|found| !adapter::is_software(&found)))
+        {
             Gpu::open("").ok()
         } else {
             None
@@ -86,7 +125,7 @@ impl Gpu {
         let name = description.name.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let error = match error {
-                wgpu::Error::OutOfMemory { .. } => Error::VolumeTooLarge(format!("the GPU {name} has no memory left")),
+                wgpu::Error::OutOfMemory { .. } => no_memory(&name),
                 other => Error::Internal(format!("the GPU {name}: {other}")),
             };
             held(&failed).get_or_insert(error);
@@ -102,6 +141,17 @@ impl Gpu {
             .get_or_insert_with(|| Error::DeviceLost(format!("the GPU {} was lost", self.description.name)));
     }
 
+    /// Makes a call fail: one that is not valid, or one for which there is no memory.
+    pub fn fail(&self, out_of_memory: bool) {
+        if out_of_memory {
+            held(&self.trouble).get_or_insert_with(|| no_memory(&self.description.name));
+        } else {
+            let usage = wgpu::BufferUsages::empty();
+            let buffer = wgpu::BufferDescriptor { label: None, size: 16, usage, mapped_at_creation: false };
+            drop(self.device.create_buffer(&buffer));
+        }
+    }
+
     /// An error if something went wrong since the device was opened.
     fn check(&self) -> Result<()> {
         match &*held(&self.trouble) {
@@ -115,15 +165,29 @@ impl Gpu {
         self.description.binding.min(self.description.buffer) & !15
     }
 
-    /// A kernel, compiled when it is first asked for.
+    /// A kernel, compiled when it is first asked for; those asked for last are kept.
     pub fn kernel(&self, source: Source) -> Result<Arc<Kernel>> {
-        if let Some(kernel) = held(&self.kernels).get(&source) {
-            return Ok(kernel.clone());
+        let mut kernels = held(&self.kernels);
+        let reduced = match kernels.known.get(&source) {
+            Some(known) => known.clone(),
+            None => source.clone().reduced()?,
+        };
+        let found = kernels.find(&reduced);
+        kernels.known.insert(source, reduced.clone());
+        drop(kernels);
+        if let Some(kernel) = found {
+            return Ok(kernel);
         }
-        let kernel = Arc::new(Kernel::new(&self.device, &source)?);
+        let kernel = Arc::new(Kernel::new(&self.device, &reduced)?);
         self.check()?;
-        held(&self.kernels).insert(source, kernel.clone());
+        held(&self.kernels).keep(reduced, kernel.clone());
         Ok(kernel)
+    }
+
+    /// Kernels that were compiled since the device was opened, and those of them that are kept.
+    pub fn compiled(&self) -> (usize, usize) {
+        let kernels = held(&self.kernels);
+        (kernels.compiled, kernels.kept.len())
     }
 
     /// A scene to be looked at, uploaded unless it was the last.
@@ -286,5 +350,38 @@ pub fn for_tests() -> Option<Arc<Gpu>> {
             eprintln!("SKIPPED: {error}");
             None
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_asked_for_last_are_kept() {
+        let Some(gpu) = for_tests() else { return };
+        let gpu = Gpu::new(&adapter::choose(&gpu.description.name).expect("an adapter")).expect("it opens");
+        let kernel = |number: usize| {
+            let text = format!(
+                "@group(0) @binding(0) var<storage, read_write> out: array<u32>;\n\
+                 @compute @workgroup_size(64) fn main() {{ out[0] = {number}u; }}"
+            );
+            gpu.kernel(Source::new([]).rewritten("number", text)).expect("it compiles")
+        };
+        let first = kernel(0);
+        for number in 1..KEPT + 3 {
+            kernel(number);
+            assert!(Arc::ptr_eq(&first, &kernel(0)));
+        }
+        assert_eq!(gpu.compiled(), (KEPT + 3, KEPT));
+        kernel(1);
+        assert_eq!(gpu.compiled(), (KEPT + 4, KEPT));
+    }
+
+    #[test]
+    fn what_a_kernel_does_not_hold_makes_no_other_kernel() {
+        let plain = Source::new(["angular", "eye", "harmonics"]);
+        let more = Source::new(["angular", "harmonics", "phase_hg", "eye"]).with("PART", 7u32);
+        assert_eq!(plain.reduced(), more.reduced());
     }
 }

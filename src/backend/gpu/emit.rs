@@ -202,11 +202,7 @@ impl Start {
 
     /// Sets the constants of a kernel with its files.
     pub fn set(&self, source: Source) -> Source {
-        let source = self.branch.iter().fold(source, |source, (name, value)| source.with(name, *value));
-        match &self.glow {
-            Some(glow) => glow.set(source),
-            None => source,
-        }
+        self.branch.iter().fold(source, |source, (name, value)| source.with(name, *value))
     }
 
     /// For kernels.

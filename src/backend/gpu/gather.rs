@@ -350,7 +350,7 @@ impl<'a> Pass<'a> {
         let glow = match glow {
             Some(glow) => {
                 let files = ["gather_glow", "gather_ray", "camera", "emitted_rays"];
-                let kernel = gpu.kernel(glow.set(scene.source(&[&files[..], &glow.files()].concat())))?;
+                let kernel = gpu.kernel(scene.source(&[&files[..], &glow.files()].concat()))?;
                 mean.push("emitted_rays");
                 mean.extend(glow.files());
                 Some((glow, kernel))
@@ -361,8 +361,7 @@ impl<'a> Pass<'a> {
             }
         };
         mean.extend(if maps.count > 0 { ["backdrop_maps", "map"].as_slice() } else { &["backdrop_constant"] });
-        let mean = scene.source(&mean);
-        let mean = gpu.kernel(glow.iter().fold(mean, |mean, (glow, _)| glow.set(mean)))?;
+        let mean = gpu.kernel(scene.source(&mean))?;
         let most_rays = batches.iter().map(|b| b.slots.len() * b.samples * b.samples).max().unwrap_or(0) as u64;
         let most_pixels = batches.iter().map(|b| b.slots.len()).max().unwrap_or(0) as u64;
         buffers.push(("sums", gpu.empty(most_rays * size_of::<Sums>() as u64)?));

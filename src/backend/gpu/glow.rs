@@ -1,7 +1,7 @@
 //! What a medium emits, on the GPU: its source term as textures.
 
 use super::device::Gpu;
-use super::kernel::{Binding, Source};
+use super::kernel::Binding;
 use super::scene::Texture;
 use crate::error::Result;
 use crate::scene::Medium;
@@ -10,12 +10,12 @@ use crate::scene::Medium;
 #[derive(Debug)]
 pub struct Glow {
     planes: Vec<Texture>,
+    texel: wgpu::Buffer,
     linear: bool,
 }
 
-/// Names of the planes, and of the source terms of their texels of 1.
-const PLANES: [(&str, &str); 3] =
-    [("emission_0", "EMISSION_TEXEL_0"), ("emission_1", "EMISSION_TEXEL_1"), ("emission_2", "EMISSION_TEXEL_2")];
+/// Names of the planes.
+const PLANES: [&str; 3] = ["emission_0", "emission_1", "emission_2"];
 
 impl Glow {
     /// Uploads the source term of a medium, if it has one.
@@ -23,8 +23,10 @@ impl Glow {
         let Some(emission) = &medium.emission else { return Ok(None) };
         let volume = &medium.volume;
         let plane = |channel| Texture::new(gpu, emission.field(channel, volume).values(), volume.n());
-        let planes = (0..emission.channels()).map(plane).collect::<Result<_>>()?;
-        Ok(Some(Glow { planes, linear: volume.linear() }))
+        let planes = (0..emission.channels()).map(plane).collect::<Result<Vec<_>>>()?;
+        let unit = |k: usize| planes.get(k).map_or(0.0, |plane| plane.unit);
+        let texel = gpu.uniform(&[unit(0), unit(1), unit(2), 0.0])?;
+        Ok(Some(Glow { planes, texel, linear: volume.linear() }))
     }
 
     /// The file that knows the source term.
@@ -37,15 +39,10 @@ impl Glow {
         [self.emission(), "glow", if self.linear { "glow_linear" } else { "glow_nearest" }]
     }
 
-    /// Sets the constants of a kernel with these files.
-    pub fn set(&self, source: Source) -> Source {
-        let units = self.planes.iter().zip(PLANES);
-        units.fold(source, |source, (plane, (_, unit))| source.with(unit, f64::from(plane.unit)))
-    }
-
     /// For kernels.
     pub fn bindings(&self) -> impl Iterator<Item = (&'static str, Binding<'_>)> {
-        self.planes.iter().zip(PLANES).map(|(plane, (name, _))| (name, Binding::Texture(&plane.view)))
+        let planes = PLANES.iter().zip(&self.planes).map(|(name, plane)| (*name, Binding::Texture(&plane.view)));
+        planes.chain([("emission_texel", Binding::Buffer(&self.texel))])
     }
 }
 
@@ -128,7 +125,7 @@ mod tests {
         let glow = Glow::new(&gpu, &scene.medium).expect("it fits").expect("it emits");
         let mut files = vec!["tests/glow"];
         files.extend(glow.files());
-        let kernel = gpu.kernel(glow.set(on_gpu.source(&files))).expect("it compiles");
+        let kernel = gpu.kernel(on_gpu.source(&files)).expect("it compiles");
         let lines = lines(n, h);
         let (input, output) =
             (gpu.buffer(&lines).expect("it fits"), gpu.empty(lines.len() as u64 * 48).expect("it fits"));

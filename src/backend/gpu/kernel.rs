@@ -38,7 +38,7 @@ impl Source {
         self
     }
 
-    /// Sets a constant; one that no file declares is left out.
+    /// Sets a constant.
     pub fn with(mut self, name: &'static str, value: impl Into<f64>) -> Self {
         self.constants.insert(name, value.into().to_bits());
         self
@@ -58,16 +58,41 @@ impl Source {
     }
 
     /// A text with those of the other files that it calls on, and so on.
-    pub fn around(&self, mut text: String) -> Result<String> {
-        let mut rest = self.files.iter().skip(1).map(|file| sources::read(file)).collect::<Result<Vec<_>>>()?;
+    pub fn around(&self, text: String) -> Result<String> {
+        Ok(self.joined(text)?.1)
+    }
+
+    /// The files that a text calls on, and so on, and the text with theirs.
+    fn joined(&self, mut text: String) -> Result<(Vec<&'static str>, String)> {
+        let read = |file: &&'static str| -> Result<(&'static str, String)> { Ok((*file, sources::read(file)?)) };
+        let mut rest = self.files.iter().skip(1).map(read).collect::<Result<Vec<_>>>()?;
         let mut mentioned: HashSet<String> = words(&text).map(str::to_string).collect();
-        while let Some(at) = rest.iter().position(|file| declared(file).any(|name| mentioned.contains(name))) {
-            let file = rest.remove(at);
+        let mut used = Vec::new();
+        while let Some(at) = rest.iter().position(|(_, file)| declared(file).any(|name| mentioned.contains(name))) {
+            let (name, file) = rest.remove(at);
             mentioned.extend(words(&file).map(str::to_string));
+            used.push(name);
             text.push('\n');
             text += &file;
         }
-        Ok(text)
+        Ok((used, text))
+    }
+
+    /// What it comes to: without files that nothing calls on, and without constants that no file declares.
+    pub fn reduced(mut self) -> Result<Self> {
+        let text = match (&self.text, self.files.first()) {
+            (None, Some(first)) => {
+                let (mut used, text) = self.joined(sources::read(first)?)?;
+                used.sort_unstable();
+                self.files.truncate(1);
+                self.files.extend(used);
+                text
+            }
+            (text, _) => text.clone().unwrap_or_default(),
+        };
+        let names: HashSet<&str> = declared(&text).collect();
+        self.constants.retain(|name, _| names.contains(name));
+        Ok(self)
     }
 }
 
@@ -136,7 +161,7 @@ pub fn span(source: &Source, name: &str) -> Option<u64> {
 }
 
 impl Kernel {
-    /// Compiles a kernel.
+    /// Compiles a kernel, which sets no constants but those it declares ([`Source::reduced`]).
     pub fn new(device: &wgpu::Device, source: &Source) -> Result<Self> {
         let (module, info) = parse(source)?;
         let used = info.get_entry_point(0);
@@ -146,13 +171,8 @@ impl Kernel {
                 resources.push((name.clone(), binding.binding));
             }
         }
-        let declared: Vec<&str> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
-        let constants: Vec<(&str, f64)> = source
-            .constants
-            .iter()
-            .filter(|(name, _)| declared.contains(name))
-            .map(|(name, bits)| (*name, f64::from_bits(*bits)))
-            .collect();
+        let constants: Vec<(&str, f64)> =
+            source.constants.iter().map(|(name, bits)| (*name, f64::from_bits(*bits))).collect();
         let name = source.files.first().copied().unwrap_or_default();
         let shader = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(name),

@@ -140,7 +140,6 @@ impl<'a> Paths<'a> {
             .with("SEES_OUT", u8::from(connections.has_background()))
             .with("FLIES_OUT", u8::from(connections.has_background() || planes > 0))
             .with("PLANES", planes);
-        let source = glow.as_ref().map_or(source.clone(), |glow| glow.set(source));
         let source = track.constants.iter().fold(source, |source, (name, value)| source.with(name, *value));
         let effort = Iterations::new(rays, connections, planes, track.iterations).effort(gpu)?;
         let kernel = gpu.kernel(source.with("ROUNDS", effort.rounds).with("EVENTS", effort.events))?;

@@ -35,6 +35,7 @@ pub struct Constants {
     pub seed: [u32; 2],
     pub enough: f32,
     pub spare: u32,
+    pub hg: [f32; 4],
 }
 
 /// Voxels as a texture.
@@ -93,7 +94,6 @@ pub struct GpuScene {
     albedo: Option<Texture>,
     phase_table: Option<wgpu::Buffer>,
     files: Vec<&'static str>,
-    settings: Vec<(&'static str, f64)>,
 }
 
 impl GpuScene {
@@ -106,23 +106,16 @@ impl GpuScene {
         files.push(if volume.linear() { "lookup_linear" } else { "lookup_nearest" });
         files.push(if volume.is_constant() { "density_constant" } else { "density_voxels" });
         files.push(if matches!(albedo, Albedo::Constant(_)) { "albedo_constant" } else { "albedo_voxels" });
-        let mut settings = Vec::new();
         let mut phase_table = None;
         match &scene.medium.phase {
             phase if phase.is_isotropic() => files.push("phase_isotropic"),
             Phase::Isotropic => {}
             Phase::Rayleigh => files.push("phase_rayleigh"),
-            Phase::HenyeyGreenstein { g } => {
-                files.push("phase_hg");
-                let near = 1.0 - g.abs();
-                settings.extend([("HG_G", *g), ("HG_NEAR", near), ("HG_NEAR_SQUARED", near * near)]);
-                settings.push(("HG_SCALE", 0.25 * FRAC_1_PI * (1.0 - g * g)));
-            }
+            Phase::HenyeyGreenstein { .. } => files.push("phase_hg"),
             Phase::Tabulated(table) => {
                 files.push("phase_tabulated");
                 let (values, len) = table.flat();
-                settings.push(("TABLE_LEN", len as f64));
-                phase_table = Some(gpu.buffer(&values)?);
+                phase_table = Some(gpu.buffer(&[&[len as f32], &values[..]].concat())?);
             }
         }
         let density = if volume.is_constant() { None } else { Some(Texture::new(gpu, volume.density(), volume.n())?) };
@@ -134,7 +127,7 @@ impl GpuScene {
         constants.texel = density.as_ref().map_or(1.0, |t| t.unit);
         constants.albedo_texel = albedo.as_ref().map_or(1.0, |t| t.unit);
         let uniform = gpu.uniform(&constants)?;
-        Ok(GpuScene { constants, uniform, density, albedo, phase_table, files, settings })
+        Ok(GpuScene { constants, uniform, density, albedo, phase_table, files })
     }
 
     /// Changes constants.
@@ -145,8 +138,7 @@ impl GpuScene {
 
     /// The kernel of the first of `files`, for this kind of scene.
     pub fn source(&self, files: &[&'static str]) -> Source {
-        let source = Source::new(files.iter().copied().chain(self.files.iter().copied()));
-        self.settings.iter().fold(source, |source, (name, value)| source.with(name, *value))
+        Source::new(files.iter().copied().chain(self.files.iter().copied()))
     }
 
     /// The scene's resources, for a kernel of it.
@@ -180,6 +172,13 @@ fn constants(scene: &Scene) -> Constants {
         constant: volume.max(),
         ratio: extinction.map(|e| if top > 0.0 { (e / top) as f32 } else { 0.0 }),
         eye: eye(volume, &scene.camera),
+        hg: match medium.phase {
+            Phase::HenyeyGreenstein { g } => {
+                let near = 1.0 - g.abs();
+                [g, near, near * near, 0.25 * FRAC_1_PI * (1.0 - g * g)].map(|x| x as f32)
+            }
+            _ => [0.0; 4],
+        },
         // What is behind 40 mean free paths is dark, in all channels.
         enough: (40.0 / extinction.iter().fold(f64::INFINITY, |m, &e| m.min(e))).min(1e38) as f32,
         ..Constants::default()

@@ -96,7 +96,7 @@ impl<'a> Shooting<'a> {
         let mut ready = Vec::with_capacity(emitters.len());
         for emitter in emitters {
             let start = Start::new(gpu, plan.scene, emitter)?;
-            let source = source(plan, &on_gpu, &flights, &start, &widths, watched > 0);
+            let source = source(plan, &on_gpu, &flights, &start, watched > 0);
             let source = Tally::layout(gpu, total, source);
             let round = 1 + start.iterations + 2 * plan.channels as u32 + events * iterations;
             let limit = ITERATIONS / round;
@@ -240,7 +240,7 @@ fn flights(plan: &Plan) -> (Track, u32, u32) {
 }
 
 /// The kernel of an emitter.
-fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, widths: &[u64], watched: bool) -> Source {
+fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, watched: bool) -> Source {
     let mut files = flights.files.clone();
     files.extend([
         "flight_state",
@@ -262,7 +262,10 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, widths:
         None => "angular_nothing",
     });
     files.extend(&start.files);
-    let first = |layer: Option<usize>| layer.map_or(f64::from(u32::MAX), |at| widths[..at].iter().sum::<u64>() as f64);
+    let first = |layer: Option<usize>| {
+        let before = |at: usize| plan.layers[..at].iter().map(|&layer| plan.width_of(layer)).sum::<usize>() as u32;
+        layer.map_or(u32::MAX, before)
+    };
     let unscattered = if start.tallies_unscattered { plan.routes[0] } else { (None, None) };
     let source = scene
         .source(&files)

@@ -32,20 +32,21 @@ pub struct Tally {
 /// Bins of each buffer, and how many there are.
 fn parts(gpu: &Gpu, bins: u64) -> (u64, u64) {
     let most = gpu.binding() / 4;
-    if bins <= most { (bins.max(1), 1) } else { (bins.div_ceil(TALLY_PARTS), TALLY_PARTS) }
+    if bins <= most { (bins.max(1), 1) } else { (most, TALLY_PARTS) }
 }
 
 impl Tally {
     /// Empty bins.
     pub fn new(gpu: &Gpu, bins: u64) -> Result<Self> {
         let (part, count) = parts(gpu, bins);
-        if part * 4 > gpu.binding() || bins >= u64::from(u32::MAX) {
+        if part * count < bins || bins >= u64::from(u32::MAX) {
             return Err(Error::VolumeTooLarge(format!(
                 "{bins} values are to be tallied, more than the GPU {} holds; use backend=\"cpu\"",
                 gpu.description.name
             )));
         }
-        let words = || (0..count).map(|_| gpu.empty(part * 4)).collect::<Result<Vec<_>>>();
+        let size = |k: u64| part.min(bins.saturating_sub(k * part)) * 4;
+        let words = || (0..count).map(|k| gpu.empty(size(k))).collect::<Result<Vec<_>>>();
         Ok(Tally { words: [words()?, words()?], bins: bins as usize, part: part as usize })
     }
 
@@ -85,7 +86,9 @@ impl Tally {
     #[cfg(test)]
     pub fn fill(&self, gpu: &Gpu, units: u64) {
         for (buffers, word) in self.words.iter().zip([units as u32, (units >> 32) as u32]) {
-            buffers.iter().for_each(|buffer| gpu.write(buffer, 0, &vec![word; self.part.min(self.bins)]));
+            for (k, buffer) in buffers.iter().enumerate() {
+                gpu.write(buffer, 0, &vec![word; self.part.min(self.bins.saturating_sub(k * self.part))]);
+            }
         }
     }
 }

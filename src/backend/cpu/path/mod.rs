@@ -15,7 +15,7 @@ use super::shoot::Medium;
 use super::track::{self, Analytic, March, Woodcock};
 #[cfg(feature = "gpu")]
 use crate::backend::gpu;
-use crate::backend::run::{illuminations, light_grids};
+use crate::backend::run::{illuminations, light_grids, stopped_by};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{PathPlan, Plan, Tracker};
@@ -171,7 +171,7 @@ impl<'a> Rays<'a> {
     }
 }
 
-/// The view rays that were taken before a device was lost.
+/// The view rays that were taken before an error.
 #[derive(Debug, Clone)]
 pub struct Taken {
     /// Sums over the rays of each pixel, by channel.
@@ -181,8 +181,8 @@ pub struct Taken {
     collisions: u64,
 }
 
-/// Runs a plan for paths, or goes on with a run that a lost device cut short. The second value is there if this was cut
-/// short too; what it had finished is the outcome then.
+/// Runs a plan for paths, or goes on with a run that an error cut short. The second value is there if this was cut short
+/// too; what it had finished is the outcome then.
 pub fn run(
     plan: &Plan,
     device: &Device,
@@ -340,7 +340,7 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
     let dark = plan.orders == 0 || plan.scene.medium.max_albedo() == 0.0 || plan.scene.medium.max_sigma_t() == 0.0;
     let mut stopped = Stopped::Photons;
     let mut glow = None;
-    let mut lost = None;
+    let mut unfinished = None;
     let mut collisions = 0;
     let mut done = 0u64;
     let mut goal = paths.rays.unwrap_or(if plan.target_error.is_some() { ROUND } else { u64::MAX });
@@ -359,11 +359,11 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
             let halted = || control.stopped() || (urgent && control.late());
             let before = if done > 0 { sums.clone() } else { Vec::new() };
             match taker.take(numbers.clone(), &mut sums, &halted) {
-                Err(why @ Error::DeviceLost(_)) if done > 0 => {
+                Err(why) if done > 0 && why != Error::Interrupted => {
                     let flat = before.iter().flat_map(Sums::values).collect();
-                    lost = Some((why, Taken { sums: flat, done, goal, collisions }));
+                    stopped = stopped_by(&why);
+                    unfinished = Some((why, Taken { sums: flat, done, goal, collisions }));
                     sums = before;
-                    stopped = Stopped::DeviceLost;
                     break 'run;
                 }
                 met => collisions += met?,
@@ -416,7 +416,7 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
         warnings,
         ..Outcome::default()
     };
-    Ok((outcome, lost))
+    Ok((outcome, unfinished))
 }
 
 /// What the medium emits and is seen directly, which a target error counts in; `None` where it does not emit.
