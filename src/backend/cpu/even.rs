@@ -238,11 +238,16 @@ impl<const C: usize, const S: usize> View<'_, C, S> {
         for light in &self.volumes.lights {
             if packed.is_none() || light.is_fine() {
                 for i in 0..count {
-                    s.column[i] = if s.density[i] > 0.0 { light.column_at(s.p[i]) } else { 0.0 };
+                    if s.density[i] > 0.0 || !light.is_fine() {
+                        s.column[i] = light.column_at(s.p[i]);
+                    }
                 }
             }
-            // Where there is nothing it does not matter.
-            let there = |i: usize| s.density[i] + s.density[i - 1] > 0.0;
+            // Where there is nothing it does not matter, and finer nodes do not know it.
+            let there = |i: usize| {
+                let (before, here) = (s.density[i - 1], s.density[i]);
+                if light.is_fine() { before > 0.0 && here > 0.0 } else { before + here > 0.0 }
+            };
             smooth &= !(1..count).any(|i| there(i) && self.is_steep([s.column[i - 1], s.column[i]], LIT_DEPTH));
             self.lit_batch(&mut sums.order1, &s, light, ray.direction);
         }
