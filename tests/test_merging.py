@@ -87,7 +87,7 @@ def drawn(seed, photons, batches, subvolumes=16):
     each = rng.normal(size=(*DRAWS, batches)) * np.sqrt(batches / photons)
     parts = rng.normal(size=(*DRAWS, subvolumes)) * np.sqrt(subvolumes / photons)
     data = {
-        **like._data,
+        **like._whole(),
         "fluence": each.mean(-1).astype(np.float32),
         "fluence_error": (each.std(-1, ddof=1) / np.sqrt(batches)).astype(np.float32),
         "source": parts.mean(-1).astype(np.float32),
