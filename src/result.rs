@@ -69,8 +69,10 @@ pub struct Energy {
     pub launched: [f64; 3],
     /// Each share as a fraction of it.
     pub fractions: [[f64; 3]; Share::COUNT],
-    /// Standard error of the sum of all fractions, with the quadrature's.
+    /// Standard error of the sum of all fractions, from the scatter of batches and of rays.
     pub error: [f64; 3],
+    /// The sum of all fractions - 1, as it was found.
+    pub imbalance: [f64; 3],
 }
 
 /// Why a run ended.
@@ -107,6 +109,8 @@ pub struct Outcome {
     pub fluence: Option<(Vec<f32>, Vec<f32>)>,
     /// Reflected radiance towards the eye and its standard error.
     pub radiance: Option<(Vec<f32>, Vec<f32>)>,
+    /// Absorbed power density and its standard error, where it is not the fluence times a coefficient.
+    pub absorbed: Option<(Vec<f32>, Vec<f32>)>,
     /// In-scattered radiance J of incident orders >= 1.
     pub source: Option<Vec<f32>>,
     /// J of incident order 0 of lights without a deterministic order 1.
@@ -127,6 +131,8 @@ pub struct Outcome {
     pub collisions: u64,
     /// Finished batches; of a run of paths, view rays per pixel.
     pub batches: u64,
+    /// Degrees of freedom of the standard errors of voxels.
+    pub degrees_of_freedom: u64,
     /// Seconds of the stages: light grid, photons, estimate.
     pub seconds: [f64; 3],
     /// Why it ended.

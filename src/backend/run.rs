@@ -111,7 +111,7 @@ fn run_here(
     }
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
-    let mut outcome = settle::settle(plan, &views, shot, device, control)?;
+    let mut outcome = settle::settle(plan, shot, control)?;
     drop(views);
     outcome.columns = plan
         .lights

@@ -305,7 +305,8 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     description.set_item("photons", outcome.photons)?;
     description.set_item("batches", outcome.batches)?;
     out.set_item("plan", description)?;
-    for (name, pair) in [("fluence", outcome.fluence), ("radiance", outcome.radiance)] {
+    let voxels = [("fluence", outcome.fluence), ("radiance", outcome.radiance), ("absorbed", outcome.absorbed)];
+    for (name, pair) in voxels {
         if let Some((mean, error)) = pair {
             out.set_item(name, array(py, mean, &shape, channels, 1)?)?;
             out.set_item(format!("{name}_error"), array(py, error, &shape, channels, 1)?)?;
@@ -339,6 +340,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
         energy.set_item("launched", by_channel(&outcome.energy.launched))?;
         energy.set_item("error", by_channel(&outcome.energy.error))?;
+        energy.set_item("imbalance", by_channel(&outcome.energy.imbalance))?;
         for (share, name) in Share::ALL {
             energy.set_item(name, by_channel(&outcome.energy.fractions[share.index()]))?;
         }
@@ -348,7 +350,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     stats.set_item("photons", outcome.photons)?;
     stats.set_item("collisions", outcome.collisions)?;
     stats.set_item("batches", outcome.batches)?;
-    stats.set_item("degrees_of_freedom", outcome.batches.saturating_sub(1))?;
+    stats.set_item("degrees_of_freedom", outcome.degrees_of_freedom)?;
     let independent = if plan.paths.is_some() { outcome.batches as usize } else { outcome.replicates };
     stats.set_item("degrees_of_freedom_pixel", independent.saturating_sub(1))?;
     stats.set_item("spp", plan.paths.as_ref().map(|paths| paths.starts * outcome.batches))?;

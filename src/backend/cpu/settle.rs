@@ -1,16 +1,16 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::angular::Towards;
-use super::emit::{hit_fraction, mean_density};
+use super::emit::hit_fraction;
 use super::gather::Volumes;
-use super::light::{Illumination, beam, unscattered};
+use super::light::Illumination;
 use super::pixel_error;
-use super::shoot::LocalEye;
+use super::unscattered::{Aim, Balance, balance};
 use crate::backend::shot::Shot;
-use crate::backend::single::{Single, albedo_of, cosine, single};
+use crate::backend::single::single;
 use crate::backend::{Control, Device};
-use crate::error::{Error, Result};
-use crate::plan::{Emission, Plan};
+use crate::error::Result;
+use crate::plan::{Direct, Emission, Plan, REPLICATES};
 use crate::result::{Energy, Outcome, Share};
 use crate::scene::field::Occupancy;
 use crate::scene::{Albedo, Light};
@@ -21,27 +21,32 @@ use rayon::prelude::*;
 const PER_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
 
 /// Sums up a run.
-pub fn settle(
-    plan: &Plan,
-    views: &[Option<Illumination>],
-    mut shot: Shot,
-    device: &Device,
-    control: &Control,
-) -> Result<Outcome> {
+pub fn settle(plan: &Plan, mut shot: Shot, control: &Control) -> Result<Outcome> {
     let channels = plan.channels;
     let values = plan.scene.medium.volume.voxels() * channels;
-    let energy = balance(plan, views, &shot);
-    let direct = direct(plan, views, device, control)?;
-    let energy = close(plan, energy, &direct);
+    let energy = energy(plan, &shot);
+    let direct = single(plan, control)?;
     let count = shot.batches;
     let tallied = !plan.layers.is_empty() && count > 0;
 
     let fluence = plan.settings.fluence.then(|| {
-        let mut mean = direct.fluence;
-        let mut error = vec![0.0; values];
+        let (mut mean, mut error) = (direct.fluence, direct.fluence_error);
         if tallied {
             mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m += *x as f32);
-            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
+            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = e.hypot(Moments::error(*m2, count)));
+        }
+        (mean, error)
+    });
+    let absorbed = plan.finds_absorbed().then(|| {
+        let (mut mean, mut error) = (direct.absorbed, direct.absorbed_error);
+        if tallied {
+            let sigma_a = |at: usize| absorption(plan, at / channels)[at % channels];
+            mean.par_iter_mut().zip(&shot.fluence.mean).enumerate().for_each(|(at, (m, x))| {
+                *m += (*x * sigma_a(at)) as f32;
+            });
+            error.par_iter_mut().zip(&shot.fluence.m2).enumerate().for_each(|(at, (e, m2))| {
+                *e = e.hypot(sigma_a(at) as f32 * Moments::error(*m2, count));
+            });
         }
         (mean, error)
     });
@@ -67,7 +72,8 @@ pub fn settle(
         if let Some(j) = &seen {
             mean.par_iter_mut().zip(j).for_each(|(m, x)| *m += x);
         }
-        let mut error = seen_error;
+        let mut error = direct.source_error;
+        error.par_iter_mut().zip(&seen_error).for_each(|(e, seen)| *e = e.hypot(*seen));
         let albedo = |at: usize| match plan.scene.medium.albedo {
             Albedo::Constant(a) => a.rgb[at % channels] as f32,
             Albedo::PerVoxel(a) => a[at / channels],
@@ -101,6 +107,7 @@ pub fn settle(
         pixels: None,
         fluence,
         radiance,
+        absorbed,
         source,
         source0,
         subvolumes,
@@ -110,10 +117,18 @@ pub fn settle(
         photons: shot.photons,
         collisions: shot.energies.iter().map(|e| e.0.collisions).sum(),
         batches: count,
+        degrees_of_freedom: degrees_of_freedom(plan, count),
         seconds: [0.0; 3],
         stopped: shot.stopped,
         warnings,
     })
+}
+
+/// The least degrees of freedom among what the standard errors of voxels are made of.
+fn degrees_of_freedom(plan: &Plan, batches: u64) -> u64 {
+    let rays = plan.lights.iter().any(|light| matches!(light.direct, Direct::Rays(_)));
+    let photons = (batches > 0).then(|| batches - 1);
+    photons.into_iter().chain(rays.then_some(REPLICATES - 1)).min().unwrap_or(0)
 }
 
 impl Shot {
@@ -159,49 +174,20 @@ fn interleaved(sums: &[Vec<f32>], batches: &[u64]) -> Vec<f32> {
     means
 }
 
-/// The deterministic part: what unscattered light leaves in the voxels.
-fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
-    let scene = plan.scene;
-    let volume = &scene.medium.volume;
-    let (channels, n) = (plan.channels, volume.n());
-    let h = volume.spacing().map(|c| c as f32);
-    let eye = LocalEye::new(scene, &scene.camera);
-    let wants_source = plan.settings.radiance && plan.wants_source();
-    let mut found = single(plan, views, device, control)?;
-    for (l, light) in scene.lights.iter().enumerate() {
-        let Light::Pencil { position, direction, power } = light else { continue };
-        let cubic = volume.voxel_volume();
-        beam(scene, *position, *direction, |voxel, length| {
-            let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
-            let centre = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
-            let p = scene.medium.phase.pdf(cosine(eye.from(centre, h), direction.map(|c| c as f32)));
-            let density = f64::from(mean_density(volume, [i, j, k]));
-            let albedo = albedo_of(scene, voxel);
-            for c in 0..3 {
-                let phi = power.rgb[c] * length[c] / cubic;
-                if c < channels {
-                    let at = voxel * channels + c;
-                    if let Some(x) = found.fluence.get_mut(at) {
-                        *x += phi as f32;
-                    }
-                    if let Some(x) = found.source.get_mut(at).filter(|_| wants_source) {
-                        *x += phi as f32 * p;
-                    }
-                }
-                let power = density * scene.medium.extinction.rgb[c] * phi * cubic;
-                found.collided[l][0][c] += power * (1.0 - albedo[c]);
-                found.collided[l][1][c] += power * albedo[c];
-            }
-        });
-    }
-    if control.stopped() && !plan.shoots() {
-        return Err(Error::Interrupted);
-    }
-    Ok(found)
+/// The absorption coefficient at a voxel's centre, by channel.
+fn absorption(plan: &Plan, voxel: usize) -> [f64; 3] {
+    let medium = &plan.scene.medium;
+    let albedo = match medium.albedo {
+        Albedo::Constant(a) => a.rgb,
+        Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
+    };
+    let density = f64::from(medium.volume.density()[voxel]);
+    std::array::from_fn(|c| (1.0 - albedo[c]) * medium.extinction.rgb[c] * density)
 }
 
-/// The energy balance [W] without what [`direct`] finds: shares of photons, and what lights send past or through.
-fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
+/// The energy balance: what the photons found, and of lights whose photons do not sample it what misses the box, passes
+/// unscattered, or collides.
+fn energy(plan: &Plan, shot: &Shot) -> Energy {
     let scene = plan.scene;
     let size = scene.medium.volume.size();
     let mut energy = Energy::default();
@@ -223,67 +209,55 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
             energy.error[c] = (totals.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (k * (k - 1.0))).sqrt();
         }
     }
-    for ((light, how), view) in scene.lights.iter().zip(&plan.lights).zip(views) {
+    for (at, (light, how)) in scene.lights.iter().zip(&plan.lights).enumerate() {
         let emitted = light.launched(size);
+        (0..plan.channels).for_each(|c| energy.launched[c] += emitted[c]);
+        let value = light.value().rgb;
         // Of a light of value 1.
-        let (sphere, beamed) = (4.0 * std::f64::consts::PI, 1.0);
-        let (missed, through, error) = match (light, how.emission, view) {
-            (Light::Point { position, .. }, Emission::AtLight, _) => {
-                // Photons are sampled in a cone around the box; all else misses.
-                let local = scene.medium.volume.local(*position);
-                (sphere - super::emit::cone_solid_angle(local, size), [0.0; 3], 0.0)
+        let quiet = how.emission == Emission::Nothing;
+        let sphere = 4.0 * std::f64::consts::PI;
+        let rays =
+            || Aim::new(&scene.medium.volume, light).map(|aim| balance(scene, (at, &aim), plan.settings.seed, quiet));
+        let (missed, found) = match (light, how.emission) {
+            // Photons are sampled in a cone around the box; all else misses.
+            (Light::Point { position, .. }, Emission::AtLight) => {
+                (sphere - super::emit::cone_solid_angle(scene.medium.volume.local(*position), size), None)
             }
-            (Light::Point { position, .. }, _, Some(view)) => {
-                let (through, error) = unscattered(scene, view);
-                (sphere * (1.0 - hit_fraction(scene, *position)), through, error)
-            }
-            (Light::Directional { .. }, Emission::FirstCollision | Emission::Nothing, Some(view)) => {
-                let (through, error) = unscattered(scene, view);
-                (0.0, through, error)
-            }
-            (Light::Pencil { position, direction, .. }, _, _) => {
-                match (beam(scene, *position, *direction, |_, _| {}), how.emission) {
-                    (None, _) => (beamed, [0.0; 3], 0.0),
-                    (Some(_), Emission::AtLight) => (0.0, [0.0; 3], 0.0),
-                    (Some(column), _) => (0.0, scene.medium.extinction.rgb.map(|e| (-e * column).exp()), 0.0),
+            (Light::Point { position, .. }, _) => (sphere * (1.0 - hit_fraction(scene, *position)), rays()),
+            (Light::Directional { .. }, Emission::FirstCollision | Emission::Nothing) => (0.0, rays()),
+            (Light::Pencil { position, direction, .. }, emission) => {
+                match Balance::of_beam(scene, *position, *direction) {
+                    None => (1.0, None),
+                    Some(_) if emission == Emission::AtLight => (0.0, None),
+                    found => (0.0, found),
                 }
             }
-            _ => (0.0, [0.0; 3], 0.0),
+            _ => (0.0, None),
         };
+        let found = found.unwrap_or_default();
         for c in 0..plan.channels {
-            let value = light.value().rgb[c];
-            energy.launched[c] += emitted[c];
-            energy.fractions[Share::Missed.index()][c] += value * missed;
-            energy.fractions[Share::Unscattered.index()][c] += value * through[c];
-            energy.error[c] += value * error;
+            let mut add = |share: Share, part: f64| energy.fractions[share.index()][c] += value[c] * part;
+            add(Share::Missed, missed);
+            add(Share::Unscattered, found.through[c]);
+            if quiet {
+                add(Share::Absorbed, found.absorbed[c]);
+                add(Share::Truncated, found.scattered[c]);
+            } else {
+                // Collisions are the photons'; of quiet lights all shares are found together.
+                energy.error[c] = energy.error[c].hypot(value[c] * found.error[c]);
+            }
         }
     }
     if let Some(emission) = &scene.medium.emission {
         let power = emission.power(&scene.medium.volume);
         (0..plan.channels).for_each(|c| energy.launched[c] += power[c]);
     }
-    energy
-}
-
-/// Adds what collides of lights without photons, and turns watts into fractions.
-fn close(plan: &Plan, mut energy: Energy, direct: &Single) -> Energy {
-    for (light, sums) in plan.lights.iter().zip(&direct.collided) {
-        if light.emission == Emission::Nothing {
-            for c in 0..plan.channels {
-                energy.fractions[Share::Absorbed.index()][c] += sums[0][c];
-                energy.fractions[Share::Truncated.index()][c] += sums[1][c];
-            }
-        }
-    }
     for c in 0..plan.channels {
         let launched = energy.launched[c];
         if launched > 0.0 {
-            let sum: f64 = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum();
-            for share in &mut energy.fractions {
-                share[c] /= launched;
-            }
-            // What the balance misses is an error that is known.
-            energy.error[c] = (energy.error[c] / launched).max((sum / launched - 1.0).abs());
+            energy.fractions.iter_mut().for_each(|share| share[c] /= launched);
+            energy.error[c] /= launched;
+            energy.imbalance[c] = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum::<f64>() - 1.0;
         } else {
             energy.fractions.iter_mut().for_each(|share| share[c] = 0.0);
             energy.error[c] = 0.0;
@@ -310,7 +284,7 @@ pub fn relative_error(
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
         let direct = if !shot.fluence.mean.is_empty() && plan.settings.fluence {
-            direct(plan, views, device, control)?.fluence
+            single(plan, control)?.fluence
         } else {
             vec![0.0; moments.mean.len()]
         };
