@@ -133,7 +133,9 @@ def test_fluence_in_a_void_is_the_integral_of_the_map(channels):
     comparing.assert_z(
         result.fluence, total, result.fluence_error, dof=comparing.dof(result), relative=1e-3
     )
-    assert np.all(np.abs(result.energy.unscattered - 1) <= 1e-6 + comparing.limit(3, 7) * result.energy.error)
+    assert np.all(
+        np.abs(result.energy.unscattered - 1) <= 1e-6 + comparing.limit(3, 7) * result.energy.error
+    )
 
 
 def test_fluence_in_a_pure_absorber_is_the_attenuated_map():
