@@ -28,7 +28,7 @@ pub use walk::{Fate, Matter, Stay, Way};
 const SHIFT: u32 = 10;
 /// Voxels that the rays of an energy balance may cross, all together: where photons sample all but what passes unscattered,
 /// and where nothing else says what collides.
-const CROSSED: [f64; 2] = [2e6, 2e7];
+const CROSSED: [f64; 2] = [1e6, 2e6];
 
 /// What of a light's means over voxels is wanted.
 #[derive(Clone, Copy, Default)]
@@ -179,7 +179,8 @@ fn balance_of<const K: usize>(scene: &Scene, (light, aim): (usize, &Aim), seed: 
             let rays = CROSSED[usize::from(quiet)] / (REPLICATES as f64 * 0.5 * across as f64);
             let mut sum = Fate::ZERO;
             aim.over_faces(rays.clamp(300.0, 30_000.0), shift(seed, light, replicate, false), |way, flux| {
-                sum.add(&matter.fate(way), flux);
+                let fate = if quiet { matter.fate(way) } else { matter.passage(way) };
+                sum.add(&fate, flux);
             });
             sum
         })

@@ -183,6 +183,14 @@ impl<'a, const K: usize> Matter<'a, K> {
         }
     }
 
+    /// What of the light of a way leaves the box, in single precision; nothing is said of the rest.
+    pub fn passage(&self, way: &Way) -> Fate<K> {
+        let single = |v: [f64; 3]| v.map(|c| c as f32);
+        let enough = self.extinction.iter().fold(f64::INFINITY, |least, &e| least.min(40.0 / e)) as f32;
+        let column = self.density.column_up_to(single(way.p), single(way.v), way.length as f32, enough);
+        Fate { through: self.extinction.map(|e| (-e * f64::from(column)).exp()), ..Fate::ZERO }
+    }
+
     /// Follows the light of a way; `leave(voxel, stay)` is told what it leaves in each voxel.
     #[inline(always)]
     pub fn walk(&self, way: &Way, leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
