@@ -48,6 +48,10 @@ pub fn memory(plan: &Plan) -> Memory {
         ("light grids", nodes * 4 * grids),
         ("first collisions", voxels * 4 * first),
         ("image sums", sums),
+        (
+            "unscattered light",
+            if plan.judges_fluence() { values * 4 * (1 + u64::from(plan.settings.radiance)) } else { 0 },
+        ),
         ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
     ];
     parts.push(("unscattered light", order0_bytes(plan)));
@@ -248,13 +252,15 @@ pub fn seconds(plan: &Plan) -> f64 {
     let volume = &plan.scene.medium.volume;
     let threads = threads(plan.settings.threads) as f64;
     let grids = light_grids(plan) as f64;
-    let voxels = plan.settings.fluence || plan.settings.radiance;
+    // Unscattered light in voxels is found with the run only if that judges their error.
     let rays: f64 = plan
         .lights
         .iter()
         .zip(&plan.scene.lights)
         .map(|(how, light)| match how.direct {
-            Direct::Rays(lattice) if voxels => (REPLICATES * lattice.points()) as f64 * crossed(volume, light),
+            Direct::Rays(lattice) if plan.judges_fluence() => {
+                (REPLICATES * lattice.points()) as f64 * crossed(volume, light)
+            }
             _ => 0.0,
         })
         .sum();

@@ -1,6 +1,6 @@
 //! What the plan decides for each light: where its photons start, and how its unscattered light is found.
 
-use super::probe::interpolation_error;
+use super::probe::{fine_error, interpolation_error};
 use crate::physics::lattice::Lattice;
 use crate::scene::{Light, Scene, Volume};
 
@@ -46,8 +46,18 @@ pub struct LightPlan {
     pub column: Column,
     /// Relative error of an order 1 image if that were interpolated.
     pub interpolation_error: f64,
+    /// The same with two nodes per voxel, for light rays in pictures.
+    pub fine_error: f64,
     /// Whether first collisions are weighed with the interpolated depth.
     pub interpolated_starts: bool,
+}
+
+impl LightPlan {
+    /// Whether pictures may interpolate the optical depth between two nodes per voxel, where light rays to all of these are
+    /// fewer than to each sample.
+    pub fn fine(&self) -> bool {
+        self.column == Column::Rays && 0.0 < self.fine_error && self.fine_error <= INTERPOLATION_ERROR
+    }
 }
 
 /// Lattices of random shift that light rays are dealt out in; the scatter among these is the standard error of what they find.
@@ -72,6 +82,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
             direct: Direct::Sampled,
             column: Column::Grid,
             interpolation_error: 0.0,
+            fine_error: 0.0,
             interpolated_starts: false,
         },
         Light::Pencil { .. } => LightPlan {
@@ -79,6 +90,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
             direct: Direct::Beam,
             column: Column::Rays,
             interpolation_error: 0.0,
+            fine_error: 0.0,
             interpolated_starts: false,
         },
         Light::Point { .. } | Light::Directional { .. } => {
@@ -95,10 +107,11 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
             let constant = volume.is_constant();
             let interpolation_error = if constant { 0.0 } else { interpolation_error(scene, light) };
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
+            let fine_error = if rays && !constant { fine_error(scene, light) } else { 0.0 };
             let column = if rays { Column::Rays } else { Column::Grid };
             let direct = Direct::Rays(Lattice::up_to(CROSSED / (REPLICATES as f64 * crossed(volume, light))));
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;
-            LightPlan { emission, direct, column, interpolation_error, interpolated_starts }
+            LightPlan { emission, direct, column, interpolation_error, fine_error, interpolated_starts }
         }
     }
 }

@@ -92,6 +92,7 @@ pub(super) fn plan_light(scene: &Scene, settings: &Settings, light: &Light) -> R
         direct: Direct::Rays(Lattice::of(1.0)),
         column,
         interpolation_error,
+        fine_error: 0.0,
         interpolated_starts: false,
     };
     match light {
