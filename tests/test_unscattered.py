@@ -9,7 +9,6 @@ import mcrt
 import numpy as np
 import pytest
 import truth
-from conftest import cpu_only
 
 DOF = 7
 VIEW = truth.View((40, -30, 25), (2, 2, 2), (4, 4), fov=30)
@@ -76,7 +75,7 @@ def test_layers_of_a_slab_under_a_low_sun_follow_beer_lambert(mu0):
         np.testing.assert_allclose(inner.mean((1, 2)), mean, rtol=0.002)
 
 
-@cpu_only("found on the host whatever the backend")
+@pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
 @pytest.mark.parametrize("depth", [1e-3, 0.3, 5.0, 100.0])
 @pytest.mark.parametrize("kind", ["sun", "low sun", "outside", "on a face"])
@@ -118,7 +117,7 @@ def test_voxels_are_their_quadrature(kind, depth, interpolation):
     assert np.sqrt(np.mean(z[bright] ** 2)) < 1.5
 
 
-@cpu_only("found on the host whatever the backend")
+@pytest.mark.cpu_only("found on the host whatever the backend")
 def test_error_bars_of_unscattered_light_are_calibrated():
     options = {"extinction": 30, "albedo": 0.6, "interpolation": "nearest"}
     light = mcrt.DirectionalLight((-0.4, 0.1, -1))
@@ -131,7 +130,7 @@ def test_error_bars_of_unscattered_light_are_calibrated():
     assert spread / claimed == pytest.approx(1, abs=0.15)
 
 
-@cpu_only("found on the host whatever the backend")
+@pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize("depth", [0.01, 1, 30])
 def test_a_change_of_one_voxel_by_little_changes_little(depth):
     density = np.ones((6, 7, 8))

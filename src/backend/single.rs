@@ -88,7 +88,7 @@ fn accumulate(
     unit: impl Fn(usize) -> [f64; 3] + Sync,
 ) {
     let voxels = mean.len() / channels.max(1);
-    let extinctions = if voxels == 0 { 1 } else { moments.mean.len() / voxels };
+    let extinctions = moments.mean.len().checked_div(voxels).unwrap_or(1);
     mean.par_chunks_mut(channels).zip(error.par_chunks_mut(channels)).enumerate().for_each(|(voxel, (mean, error))| {
         let unit = unit(voxel);
         for c in 0..channels {

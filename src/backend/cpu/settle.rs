@@ -301,14 +301,15 @@ pub fn relative_error(
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
         let mut values: Vec<f32> = moments.mean.par_iter().map(|m| *m as f32).collect();
+        let mut errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
         if !shot.fluence.mean.is_empty() && plan.settings.fluence {
             let found = match order0 {
                 Some(found) => found,
                 none => none.insert(single(plan, control)?),
             };
             values.par_iter_mut().zip(&found.fluence).for_each(|(value, order0)| *value += order0);
+            errors.par_iter_mut().zip(&found.fluence_error).for_each(|(error, order0)| *error = error.hypot(*order0));
         }
-        let errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
         return Ok(pixel_error::relative(&values, &errors, None, channels));
     }
     let camera = &plan.scene.camera;
