@@ -56,23 +56,15 @@ def test_voxels_of_a_thick_ramp_absorb_what_the_balance_says():
     assert abs(ratio - 1) < 0.002 + 3 * error
 
 
-@pytest.mark.parametrize("mu0", [0.3, 0.02])
-def test_layers_of_a_slab_under_a_low_sun_follow_beer_lambert(mu0):
-    layers, across = 4, 60
-    sun = mcrt.DirectionalLight((-np.sqrt(1 - mu0**2), 0, -mu0), 2.0)
-    density = np.ones((layers, 6, across))
-    fluence = run(density, extinction=0.05, albedo=0, interpolation="nearest", light=sun).fluence
-    # Light that came in by the upper face: its way below it is shorter than to the wall.
-    depth = 0.05 * np.arange(layers + 1)
-    mean = 2 * mu0 * -np.diff(np.exp(-depth / mu0)) / 0.05
-    way = (layers + 1) * np.sqrt(1 - mu0**2) / mu0
-    inner = fluence[::-1, :, : across - int(way) if way < across else 4]
-    inner = fluence[::-1, :, :4] if way >= across else inner
-    if mu0 == 0.02:
-        # The lowest layers see the wall: the top layer alone is as in an infinite slab.
-        np.testing.assert_allclose(fluence[-1, :, :5].mean(), mean[0], rtol=0.01)
-    else:
-        np.testing.assert_allclose(inner.mean((1, 2)), mean, rtol=0.002)
+def test_layers_of_a_slab_under_a_low_sun_follow_beer_lambert():
+    # Light comes from larger x. Where x is small it has come in by the upper face.
+    for mu0, layers, lit in ((0.3, 4, 40), (0.02, 1, 5)):
+        sun = mcrt.DirectionalLight((-np.sqrt(1 - mu0**2), 0, -mu0), 2.0)
+        slab = np.ones((4, 6, 60))
+        fluence = run(slab, extinction=1, albedo=0, interpolation="nearest", light=sun).fluence
+        mean = fluence[::-1, :, :lit].mean((1, 2), dtype=float)[:layers]
+        true = 2 * mu0 * -np.diff(np.exp(-np.arange(layers + 1) / mu0))
+        np.testing.assert_allclose(mean, true, rtol=0.002 if mu0 == 0.3 else 0.01)
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
@@ -189,4 +181,5 @@ def test_a_point_light_on_the_box_sends_its_share_past_it(place, hair, how):
     ).energy
     comparing.assert_balance(energy)
     if hair <= 0:
-        comparing.assert_z(energy.missed, missed, comparing.fraction_error(missed, 2e4))
+        noise = comparing.fraction_error(missed, 2e4)
+        comparing.assert_z(energy.missed, missed, np.hypot(noise, 1e-6))
