@@ -2,8 +2,8 @@
 // each. Under a low sun that depth grows many times as fast along a view ray as the depth towards the eye does.
 
 // Change of the depth towards the light between the two Gauss points of a part: beyond, it is halved. Their rule is then
-// right to .2 %.
-const LIT_DEPTH = 1.0;
+// right to .1 %.
+const LIT_DEPTH = 0.75;
 // What lies behind this depth is dark.
 const DARK = 20.0;
 // The shortest part of a step.

@@ -8,8 +8,8 @@ use crate::scene::field::{V3, along};
 use super::close::Profile;
 
 /// Change of the depth towards the light between the two Gauss points of a part: beyond, it is halved. Their rule is then
-/// right to .2 %.
-const LIT_DEPTH: f32 = 1.0;
+/// right to .1 %.
+const LIT_DEPTH: f32 = 0.75;
 /// What lies behind this depth is dark.
 const DARK: f32 = 20.0;
 /// The shortest part of a step.
