@@ -12,11 +12,6 @@ fn density_read(p: vec3<f32>, word: u32) -> f32 {
     return scene.texel * one_read(density, p, word);
 }
 
-// The largest density that a lookup within a voxel can return.
-fn density_maximum(cell: vec3<i32>) -> f32 {
-    return scene.texel * maximum(density, cell);
-}
-
 // The density along u + s w within a cell, as the coefficients of a cubic in s.
 fn density_cubic(cell: vec3<i32>, u: vec3<f32>, w: vec3<f32>) -> vec4<f32> {
     return scene.texel * cubic(density, cell, u, w);

@@ -66,21 +66,6 @@ fn cubic(field: texture_3d<f32>, cell: vec3<i32>, u: vec3<f32>, w: vec3<f32>) ->
     return vec4(low + u.z * climb, 0.0) + vec4(0.0, w.z * climb);
 }
 
-// The largest texel that a lookup within a voxel can return.
-fn maximum(field: texture_3d<f32>, cell: vec3<i32>) -> f32 {
-    let low = max(cell - 1, vec3(0));
-    let high = min(cell + 1, scene.n - 1);
-    var top = 0.0;
-    for (var k = low.z; k <= high.z; k++) {
-        for (var j = low.y; j <= high.y; j++) {
-            for (var i = low.x; i <= high.x; i++) {
-                top = max(top, texel(field, vec3(i, j, k)));
-            }
-        }
-    }
-    return top;
-}
-
 // The integral over the piece from t0 to t1 of a line, within one cell: two Gauss points are exact for its cubic.
 fn piece(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32) -> f32 {
     let c = corners(field, cell);

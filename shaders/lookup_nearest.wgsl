@@ -15,11 +15,6 @@ fn cubic(field: texture_3d<f32>, cell: vec3<i32>, u: vec3<f32>, w: vec3<f32>) ->
     return vec4(texel(field, cell), 0.0, 0.0, 0.0);
 }
 
-// The largest texel that a lookup within a voxel can return.
-fn maximum(field: texture_3d<f32>, cell: vec3<i32>) -> f32 {
-    return texel(field, cell);
-}
-
 // The integral over the piece from t0 to t1 of a line, within one voxel.
 fn piece(field: texture_3d<f32>, cell: vec3<i32>, p: vec3<f32>, v: vec3<f32>, t0: f32, t1: f32) -> f32 {
     return texel(field, cell) * (t1 - t0);

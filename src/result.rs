@@ -69,8 +69,10 @@ pub struct Energy {
     pub launched: [f64; 3],
     /// Each share as a fraction of it.
     pub fractions: [[f64; 3]; Share::COUNT],
-    /// Standard error of the sum of all fractions, with the quadrature's.
+    /// Standard error of the sum of all fractions, from the scatter of batches and of rays.
     pub error: [f64; 3],
+    /// The sum of all fractions - 1, as it was found.
+    pub imbalance: [f64; 3],
 }
 
 /// Why a run ended.
@@ -105,12 +107,12 @@ pub struct Pixels {
 /// What unscattered light adds to the outcome of a run, found without photons.
 #[derive(Debug, Clone, Default)]
 pub struct Order0 {
-    /// Fluence, where it is wanted.
-    pub fluence: Option<Vec<f32>>,
-    /// Radiance towards the eye, where it is wanted.
-    pub radiance: Option<Vec<f32>>,
-    /// The energy balance, where it lacked what collides of lights without photons.
-    pub energy: Option<Energy>,
+    /// Fluence and its standard error, where it is wanted.
+    pub fluence: Option<(Vec<f32>, Vec<f32>)>,
+    /// Radiance towards the eye and its standard error, where it is wanted.
+    pub radiance: Option<(Vec<f32>, Vec<f32>)>,
+    /// Absorbed power density and its standard error, where it is not the fluence times a coefficient.
+    pub absorbed: Option<(Vec<f32>, Vec<f32>)>,
 }
 
 /// Arrays over voxels (x fastest, then channels), and what the run was like.
@@ -120,6 +122,8 @@ pub struct Outcome {
     pub fluence: Option<(Vec<f32>, Vec<f32>)>,
     /// Radiance towards the eye of what photons left and its standard error.
     pub radiance: Option<(Vec<f32>, Vec<f32>)>,
+    /// Absorbed power density and its standard error, where it is not the fluence times a coefficient.
+    pub absorbed: Option<(Vec<f32>, Vec<f32>)>,
     /// In-scattered radiance J of incident orders >= 1.
     pub source: Option<Vec<f32>>,
     /// J of incident order 0 of lights without a deterministic order 1.
@@ -132,7 +136,7 @@ pub struct Outcome {
     pub replicates: usize,
     /// Column densities towards each light at the nodes of its grid, where used.
     pub columns: Vec<Option<Vec<f32>>>,
-    /// Where the energy went; if a light shoots no photons, in watts and without what collides of it.
+    /// Where the energy went.
     pub energy: Energy,
     /// Order 0, if the run's target needed it.
     pub order0: Option<Order0>,
@@ -142,6 +146,8 @@ pub struct Outcome {
     pub collisions: u64,
     /// Finished batches; of a run of paths, view rays per pixel.
     pub batches: u64,
+    /// Degrees of freedom of the standard errors of voxels.
+    pub degrees_of_freedom: u64,
     /// Seconds of the stages: light grid, photons, estimate.
     pub seconds: [f64; 3],
     /// Why it ended.

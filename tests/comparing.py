@@ -63,10 +63,20 @@ def relative_rms(value, truth):
 def dof(result, of="voxel"):
     """Degrees of freedom of Student's t that the z-scores of a result's voxels or pixels follow."""
     given = result.stats["degrees_of_freedom" if of == "voxel" else "degrees_of_freedom_pixel"]
-    return given if result.stats["photons"] else 10**6  # nothing was sampled: no tail to allow for
+    return given if given or result.stats["photons"] else 10**6  # no noise: no tail to allow for
 
 
 def energy_sum(energy):
     """All fractions of the launched power: 1."""
     parts = (energy.missed, energy.unscattered, energy.absorbed, energy.truncated, energy.roulette)
     return sum(np.asarray(part, float) for part in (*parts, *energy.escaped.values()))
+
+
+def assert_balance(energy, dof=7):
+    """The fractions add up to 1 within the statistical error of their sum, and rounding.
+
+    `dof` are the degrees of freedom of that error: at least 7, of 8 batches or 8 lattices of rays.
+    """
+    lacks = np.asarray(energy_sum(energy)) - 1
+    np.testing.assert_allclose(energy.imbalance, lacks, rtol=0, atol=1e-12)
+    assert np.all(np.abs(lacks) <= 1e-6 + limit(lacks.size, dof) * np.asarray(energy.error)), lacks

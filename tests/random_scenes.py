@@ -327,7 +327,7 @@ def trouble(cpu, gpu, here, there):
         return f"launched {launched}"
     for name, result in (("CPU", cpu), ("GPU", gpu)):
         lacks = np.abs(result.energy.sum() - 1.0) * (launched[0] > 0)
-        if np.any(lacks > np.maximum(1e-5, 5 * np.asarray(result.energy.error))):
+        if np.any(lacks > 1e-5 + 12 * np.asarray(result.energy.error)):
             return f"energy of the {name} lacks {lacks}, error {result.energy.error}"
     return ""
 

@@ -5,7 +5,7 @@ use mcrt::backend::gpu::kernel::parse;
 use mcrt::backend::gpu::probe::Inputs;
 use mcrt::backend::gpu::scene::Constants;
 use mcrt::backend::gpu::sources::{ALL, KERNELS, read};
-use mcrt::backend::gpu::{angular, emit, gather, kernels, lights, map, path, shoot, single};
+use mcrt::backend::gpu::{angular, emit, gather, kernels, lights, map, path, shoot};
 use mcrt::result::{EXIT_FACES, Share};
 use std::collections::HashSet;
 use std::fs;
@@ -133,9 +133,6 @@ fn layouts() -> Vec<Layout> {
             resolution first columns count number pixel rays slots steps background images slot end),
         layout!("paths", "Image", path::Image, pixel place),
         layout!("map", "Map", map::Entry, width height channels values sums spare),
-        layout!("single", "Job", single::Job, first count points rays most begins reach side),
-        layout!("single", "Progress", single::Progress, at points shift spare),
-        layout!("near", "Job", single::NearJob, low count size spare),
         layout!("angular", "Job", angular::Job, n order h first eye inner count spare),
         layout!("camera", "View", gather::View,
             passing depth passing_x pixel passing_y width ahead column ahead_x row ahead_y spare),

@@ -157,9 +157,7 @@ def test_merged_runs_weigh_by_their_photons():
     for name in ("absorbed", "unscattered", "missed", "truncated"):
         mean = (n * getattr(a.energy, name) + m * getattr(b.energy, name)) / (n + m)
         assert getattr(merged.energy, name) == pytest.approx(mean, rel=1e-5, abs=1e-9)
-    assert comparing.energy_sum(merged.energy) == pytest.approx(
-        1, abs=max(1e-6, merged.energy.error)
-    )
+    comparing.assert_balance(merged.energy)
     assert merged.energy.launched == a.energy.launched
 
 

@@ -88,7 +88,7 @@ def test_a_run_by_its_pixels_keeps_its_picture(calls, tmp_path):
 
 def test_a_run_by_its_voxels_hands_over_their_unscattered_light(calls):
     result = run(photons=None, target_error=0.5, camera=None)
-    found = mcrt._mcrt.unscattered(result._core, result._settings, None)
+    found = mcrt._mcrt.unscattered(result._core, result._settings)
     del calls[:]
     handed = result._data["unscattered"]
     for name in ("fluence", "radiance"):

@@ -20,9 +20,9 @@ from ._errors import SceneError
 if TYPE_CHECKING:
     from ._result import Result
 
-MEANS = ("fluence", "radiance", "order1", "order2")
+MEANS = ("fluence", "radiance", "absorbed", "order1", "order2")
 SOURCES = ("source", "source0")
-ERRORS = ("fluence_error", "radiance_error", "error")
+ERRORS = ("fluence_error", "radiance_error", "absorbed_error", "error")
 SAME_SETTINGS = ("max_scatterings", "errors", "outputs", "over_voxels")
 COUNTS = ("photons", "collisions", "batches")
 

@@ -12,8 +12,5 @@ def whole(data: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
     """
     changed: dict[str, Any] = {"order0": True}
     for name, values in found.items():
-        if name == "energy":
-            changed[name] = values
-        else:
-            changed[name] = (np.hypot if name.endswith("_error") else np.add)(data[name], values)
+        changed[name] = (np.hypot if name.endswith("_error") else np.add)(data[name], values)
     return changed

@@ -40,14 +40,16 @@ class Result:
 
     Notes
     -----
-    Standard errors of voxels come from the scatter of B independent batches of photons:
-    (value - truth) / error follows Student's t with B - 1 = `stats.degrees_of_freedom`. Those of
+    Standard errors of voxels come from the scatter of B independent batches of photons, and of the
+    unscattered light of points and directions from that of K lattices of light rays (which the plan
+    names): (value - truth) / error follows Student's t with at least the lesser of B - 1 and K - 1,
+    `stats.degrees_of_freedom`. Those of
     an image come from K sub-volumes, each of its own photons: Student's t with
     K - 1 = `stats.degrees_of_freedom_pixel`. Pixels (and neighbouring voxels) share photons, hence
     their errors are correlated: the error of a mean over pixels does not fall as one over the
-    square root of their number. What is found without photons (orders 0 and 1 of points,
-    directions and beams, emission seen directly) has no standard error; a run without photons has
-    zeros, and a single batch leaves the errors unknown: infinite. Merged runs of N_i photons and
+    square root of their number. What an image holds that is found without photons (order 1 of
+    points, directions and beams, emission seen directly) has no standard error; a single batch
+    leaves the errors unknown: infinite. Merged runs of N_i photons and
     nu_i degrees of freedom have N^2 / sum(N_i^2 / nu_i) of them (Welch and Satterthwaite), N the
     sum of N_i, but for the pixels of photons, which have those of the smallest K.
     """
@@ -73,7 +75,7 @@ class Result:
     def energy(self) -> Energy:
         """The energy balance."""
         self._need_voxels("energy")
-        return energy(self._data.get("energy") or self._whole()["energy"])
+        return energy(self._data["energy"])
 
     # Voxels
 
@@ -102,13 +104,17 @@ class Result:
 
     @property
     def absorbed(self) -> np.ndarray:
-        """Absorbed power density sigma_a Phi [W/length^3]; computed at each access."""
-        return self._sigma_a() * self.fluence
+        """Absorbed power density, the mean of sigma_a Phi over each voxel [W/length^3].
+
+        Where sigma_a varies within voxels (interpolation="linear") it is found by itself, else it
+        is sigma_a times `fluence`, computed at each access.
+        """
+        return self._absorbed()
 
     @property
     def absorbed_error(self) -> np.ndarray:
-        """Standard error of `absorbed` [W/length^3]; computed at each access."""
-        return self._sigma_a() * self.fluence_error
+        """Standard error of `absorbed` [W/length^3]."""
+        return self._absorbed("_error")
 
     # Images
 
@@ -176,10 +182,10 @@ class Result:
         """Median, 95 % quantile and RMS of the relative errors."""
         if not self._settings["errors"]:
             return None, None, None
-        if not self._data["stats"]["photons"]:
-            return 0.0, 0.0, 0.0
         outputs = self._settings["outputs"]
         if self._by_pixels():
+            if not self._data["stats"]["photons"]:
+                return 0.0, 0.0, 0.0
             return relative_errors(self.image(), self.image_error(), self.plan.channels)
         name = "fluence" if "fluence" in outputs else "radiance"
         return relative_errors(self._voxels(name), self._voxels(name, "_error"), self.plan.channels)
@@ -286,6 +292,11 @@ class Result:
 
     # What the above is made of
 
+    def _absorbed(self, suffix: str = "") -> np.ndarray:
+        if self._data.get("absorbed") is not None:
+            return self._voxels("absorbed", suffix, "fluence")
+        return self._sigma_a() * self._voxels("fluence", suffix)
+
     @cached_property
     def _core(self) -> _mcrt.Scene:
         """The scene as the Rust core keeps it."""
@@ -300,17 +311,17 @@ class Result:
         if not data.get("order0", True):
             found = data.get("unscattered")
             if found is None:
-                found = _mcrt.unscattered(self._core, self._settings, data.get("balance"))
+                found = _mcrt.unscattered(self._core, self._settings)
             self._data.update(whole(data, found))
-            for name in ("unscattered", "balance"):
-                self._data.pop(name, None)
+            self._data.pop("unscattered", None)
         return self._data
 
-    def _voxels(self, name: str, suffix: str = "") -> np.ndarray:
+    def _voxels(self, name: str, suffix: str = "", output: str | None = None) -> np.ndarray:
+        """The array of a name, which comes with an output: that of its name unless given."""
         self._need_voxels(name)
         outputs = self._settings["outputs"]
-        if name not in outputs:
-            raise missing(name, outputs)
+        if (output or name) not in outputs:
+            raise missing(output or name, outputs)
         if suffix:
             self._need_errors()
         view = self._whole()[name + suffix].view()

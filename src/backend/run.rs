@@ -8,10 +8,11 @@ use super::cpu::{self, path, settle};
 #[cfg(feature = "gpu")]
 use super::gpu;
 use super::shot::{Shot, bin_unit, fold};
+use super::single::single;
 use super::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{Column, LightPlan, Plan, cost};
-use crate::result::{Energy, Order0, Outcome, Stopped};
+use crate::result::{Order0, Outcome, Stopped};
 use crate::scene::field::Occupancy;
 use crate::scene::{Light, Scene};
 use crate::tally::Bins;
@@ -132,7 +133,7 @@ fn run_here(
         Some(truth) => Some(truth.bias(plan, device, &views, &shot, occupancy, control)?),
         None => None,
     };
-    let mut outcome = settle::settle(plan, &views, shot, order0);
+    let mut outcome = settle::settle(plan, shot, order0);
     if control.stopped() {
         return Err(Error::Interrupted);
     }
@@ -148,17 +149,9 @@ fn run_here(
     Ok((outcome, unfinished))
 }
 
-/// What unscattered light adds to the outcome of a run of the plan, and to its energy balance where that lacks it.
-pub fn order0(
-    plan: &Plan,
-    occupancy: Option<&Occupancy>,
-    device: &Device,
-    control: &Control,
-    energy: Option<Energy>,
-) -> Result<Order0> {
-    let columns = light_grids(plan, occupancy, control);
-    let views = illuminations(plan.scene, occupancy, plan.lights.iter().map(|l| l.column), &columns);
-    Ok(settle::order0(plan, settle::direct(plan, &views, device, control)?, energy))
+/// What unscattered light adds to the voxels of a run of the plan.
+pub fn order0(plan: &Plan, control: &Control) -> Result<Order0> {
+    Ok(settle::order0(plan, single(plan, control)?))
 }
 
 /// The light grids of the lights that need them; the sweep that finds them is linear in the voxels, and the same for all

@@ -1,177 +1,169 @@
-//! Unscattered light in the voxels by quadrature, whatever on: means over each voxel, and what they add up to.
+//! Unscattered light in the voxels, whatever on: what all lights whose order 0 no photons find leave there.
 
-use super::cpu::light::{Illumination, Quadrature, voxel_fluence};
+use super::Control;
 use super::cpu::shoot::LocalEye;
-#[cfg(feature = "gpu")]
-use super::gpu;
-use super::shot::pad;
-use super::{Control, Device};
+use super::cpu::unscattered::{Aim, Means, Wanted, coalbedo, cosine, means, over_beam};
 use crate::error::{Error, Result};
-use crate::plan::{Direct, Emission, Plan};
-use crate::scene::field::V3;
-use crate::scene::{Albedo, Scene};
+use crate::physics::lattice::Lattice;
+use crate::plan::{Direct, Plan, REPLICATES};
+use crate::scene::Light;
+use crate::tally::Moments;
 use rayon::prelude::*;
-use std::ops::Range;
 
-/// What unscattered light leaves in the voxels.
-#[derive(Debug)]
+/// 1 / (4 pi).
+const PER_SPHERE: f64 = 0.25 * std::f64::consts::FRAC_1_PI;
+
+/// What unscattered light leaves in the voxels, and its standard error.
+#[derive(Debug, Default)]
 pub struct Single {
     /// Fluence, where it is wanted.
     pub fluence: Vec<f32>,
+    /// Its standard error.
+    pub fluence_error: Vec<f32>,
+    /// Absorbed power density, where that is found by itself.
+    pub absorbed: Vec<f32>,
+    /// Its standard error.
+    pub absorbed_error: Vec<f32>,
     /// J towards the eye, where the radiance of voxels is wanted.
     pub source: Vec<f32>,
-    /// Power that collides of lights that shoot no photons, by light and channel: (absorbed, scattered).
-    pub collided: Vec<[[f64; 3]; 2]>,
+    /// Its standard error.
+    pub source_error: Vec<f32>,
 }
 
-/// A light whose unscattered light is found by quadrature.
-#[derive(Debug, Clone, Copy)]
-pub struct Lit<'v, 'a> {
-    /// Its number.
-    pub light: usize,
-    /// The light as seen from within the volume.
-    pub view: &'v Illumination<'a>,
-    /// Gauss points per axis of a voxel, those of the densest.
-    pub points: usize,
-    /// Whether each has a light ray.
-    pub rays: bool,
-}
-
-/// The unscattered light of all lights that are found by quadrature.
-pub fn single(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
-    match single_on(plan, views, device, control) {
-        // Where a device fails nothing is lost that the CPU could not find too.
-        Err(why) if why != Error::Interrupted => single_on(plan, views, &Device::Cpu, control),
-        found => found,
-    }
-}
-
-/// The same on a device that does not fail.
-fn single_on(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
+/// What the lights of a plan leave whose unscattered light is not sampled by photons.
+pub fn single(plan: &Plan, control: &Control) -> Result<Single> {
     let values = plan.scene.medium.volume.voxels() * plan.channels;
+    let zeros = |wanted: bool| vec![0.0; if wanted { values } else { 0 }];
+    let (fluence, absorbed, source) = (plan.settings.fluence, plan.finds_absorbed(), plan.settings.radiance);
     let mut sum = Single {
-        fluence: vec![0.0; if plan.settings.fluence { values } else { 0 }],
-        source: vec![0.0; if plan.settings.radiance { values } else { 0 }],
-        collided: vec![[[0.0; 3]; 2]; plan.scene.lights.len()],
+        fluence: zeros(fluence),
+        fluence_error: zeros(fluence),
+        absorbed: zeros(absorbed),
+        absorbed_error: zeros(absorbed),
+        source: zeros(source),
+        source_error: zeros(source),
     };
-    let lights: Vec<Lit> = plan
-        .lights
-        .iter()
-        .zip(views)
-        .enumerate()
-        .filter_map(|(light, (how, view))| match (how.direct, view) {
-            (Direct::Quadrature { points, rays }, Some(view)) => Some(Lit { light, view, points, rays }),
-            _ => None,
-        })
-        .collect();
-    let wants_source = plan.settings.radiance && plan.wants_source();
-    if lights.is_empty() || !(plan.settings.fluence || wants_source || quiet(plan)) {
+    if !(fluence || source && plan.wants_source()) {
         return Ok(sum);
     }
-    let [_, ny, nz] = plan.scene.medium.volume.n();
-    match device {
-        Device::Cpu => {
-            let extinction = plan.scene.medium.extinction.rgb.map(|e| e as f32);
-            let find = |at: usize, cell: [usize; 3]| {
-                let Lit { view, points, rays, .. } = lights[at];
-                voxel_fluence(view, &extinction, (points, rays), cell.map(|c| c as i32))
-            };
-            sum.add(plan, &lights, 0..ny * nz, find, control);
-        }
-        #[cfg(feature = "gpu")]
-        Device::Gpu(gpu) => {
-            let mut quadratures = gpu::single::Quadratures::new(gpu, plan, &lights, quiet(plan), control)?;
-            while let Some(rows) = quadratures.next_rows(control)? {
-                sum.add(plan, &lights, rows, |at, cell| quadratures.of(at, cell), control);
+    for (at, (light, how)) in plan.scene.lights.iter().zip(&plan.lights).enumerate() {
+        match (how.direct, light) {
+            (Direct::Rays(lattice), _) => {
+                let Some(aim) = Aim::new(&plan.scene.medium.volume, light) else { continue };
+                sum.add(plan, light, &rays(plan, (at, &aim), lattice, control)?);
             }
+            (Direct::Beam, Light::Pencil { position, direction, power }) => {
+                sum.add_beam(plan, *position, *direction, power.rgb);
+            }
+            _ => {}
         }
     }
-    Ok(sum)
+    if control.stopped() { Err(Error::Interrupted) } else { Ok(sum) }
 }
 
-/// Whether a light shoots no photons: the quadrature then says what collides of it.
-pub fn quiet(plan: &Plan) -> bool {
-    plan.lights.iter().any(|l| l.emission == Emission::Nothing)
-}
-
-/// The albedo of a voxel.
-pub fn albedo_of(scene: &Scene, voxel: usize) -> [f64; 3] {
-    match scene.medium.albedo {
-        Albedo::Constant(a) => a.rgb,
-        Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
+/// The means of a light that rays find.
+fn rays(plan: &Plan, light: (usize, &Aim), lattice: Lattice, control: &Control) -> Result<Means> {
+    let (scene, seed) = (plan.scene, plan.settings.seed);
+    let phase = &scene.medium.phase;
+    let sends = plan.settings.radiance && plan.wants_source();
+    // Parallel light comes to a voxel from one direction, and all directions are one to an isotropic phase function.
+    let by_direction = sends && light.1.is_point() && !phase.is_isotropic();
+    let wanted = Wanted {
+        fluence: plan.settings.fluence || sends && !by_direction,
+        absorbed: plan.finds_absorbed(),
+        seen: by_direction.then(|| (phase, LocalEye::new(scene, &scene.camera))),
+    };
+    if scene.medium.is_chromatic() {
+        means::<3>(scene, light, lattice, seed, wanted, control)
+    } else {
+        means::<1>(scene, light, lattice, seed, wanted, control)
     }
 }
 
-/// The cosine between two unit vectors.
-#[inline(always)]
-pub fn cosine(a: V3, b: V3) -> f32 {
-    (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).clamp(-1.0, 1.0)
+/// Adds independent values in some units to a mean, and their spread to its standard error.
+fn accumulate(
+    (mean, error): (&mut [f32], &mut [f32]),
+    moments: &Moments,
+    channels: usize,
+    unit: impl Fn(usize) -> [f64; 3] + Sync,
+) {
+    let voxels = mean.len() / channels.max(1);
+    let extinctions = moments.mean.len().checked_div(voxels).unwrap_or(1);
+    mean.par_chunks_mut(channels).zip(error.par_chunks_mut(channels)).enumerate().for_each(|(voxel, (mean, error))| {
+        let unit = unit(voxel);
+        for c in 0..channels {
+            let at = voxel * extinctions + c % extinctions;
+            mean[c] += (moments.mean[at] * unit[c]) as f32;
+            let spread = f64::from(Moments::error(moments.m2[at], REPLICATES)) * unit[c];
+            error[c] = error[c].hypot(spread as f32);
+        }
+    });
 }
 
 impl Single {
-    /// Adds the light of some rows along x, `find` being the means of a light over a voxel.
-    fn add(
-        &mut self,
-        plan: &Plan,
-        lights: &[Lit],
-        rows: Range<usize>,
-        find: impl Fn(usize, [usize; 3]) -> Quadrature + Sync,
-        control: &Control,
-    ) {
+    /// Adds a light that rays found.
+    fn add(&mut self, plan: &Plan, light: &Light, found: &Means) {
+        let (scene, channels) = (plan.scene, plan.channels);
+        let volume = &scene.medium.volume;
+        let (n, h, value) = (volume.n(), volume.spacing().map(|c| c as f32), light.value().rgb);
+        let cell = |voxel: usize| [voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])];
+        if let (Some(fluence), true) = (&found.fluence, plan.settings.fluence) {
+            let unit = |voxel: usize| value.map(|value| value * found.units(cell(voxel))[0]);
+            accumulate((&mut self.fluence, &mut self.fluence_error), fluence, channels, unit);
+        }
+        if let Some(absorbed) = &found.absorbed {
+            let coalbedo = coalbedo(scene);
+            let unit = |voxel: usize| {
+                let unit = found.units(cell(voxel))[1];
+                std::array::from_fn(|c| value[c] * coalbedo[c] * unit)
+            };
+            accumulate((&mut self.absorbed, &mut self.absorbed_error), absorbed, channels, unit);
+        }
+        if !(plan.settings.radiance && plan.wants_source()) {
+            return;
+        }
+        let source = (self.source.as_mut_slice(), self.source_error.as_mut_slice());
+        let (phase, eye) = (&scene.medium.phase, LocalEye::new(scene, &scene.camera));
+        match (&found.seen, &found.fluence, light) {
+            (Some(seen), ..) => {
+                accumulate(source, seen, channels, |voxel| value.map(|value| value * found.units(cell(voxel))[2]));
+            }
+            (_, Some(fluence), Light::Directional { direction, .. }) if !phase.is_isotropic() => {
+                let along = direction.map(|c| c as f32);
+                accumulate(source, fluence, channels, |voxel| {
+                    let toward = eye.from(cell(voxel).map(|c| c as f32 + 0.5), h);
+                    let p = f64::from(phase.pdf(cosine(toward, along)));
+                    value.map(|value| value * p * found.units(cell(voxel))[0])
+                });
+            }
+            (_, Some(fluence), _) => accumulate(source, fluence, channels, |voxel| {
+                value.map(|value| value * PER_SPHERE * found.units(cell(voxel))[0])
+            }),
+            _ => {}
+        }
+    }
+
+    /// Adds a pencil beam, which is exact.
+    fn add_beam(&mut self, plan: &Plan, position: [f64; 3], direction: [f64; 3], power: [f64; 3]) {
         let scene = plan.scene;
         let volume = &scene.medium.volume;
-        let (channels, n) = (plan.channels, volume.n());
-        let h = volume.spacing().map(|c| c as f32);
+        let (n, h, channels) = (volume.n(), volume.spacing().map(|c| c as f32), plan.channels);
         let eye = LocalEye::new(scene, &scene.camera);
-        let quiet = quiet(plan);
-        let row = n[0] * channels;
-        let part = rows.start * row..rows.end * row;
-        let fluence = self.fluence.get_mut(part.clone()).unwrap_or_default();
-        let source = if plan.wants_source() { self.source.get_mut(part).unwrap_or_default() } else { &mut [] };
-        let mut fluence_rows: Vec<Option<&mut [f32]>> = pad(fluence.chunks_mut(row), rows.len());
-        let mut source_rows: Vec<Option<&mut [f32]>> = pad(source.chunks_mut(row), rows.len());
-        let sums: Vec<Vec<[[f64; 3]; 2]>> = fluence_rows
-            .par_iter_mut()
-            .zip(source_rows.par_iter_mut())
-            .zip(rows)
-            .map(|((fluence, source), at)| {
-                let mut sums = vec![[[0.0f64; 3]; 2]; if quiet { scene.lights.len() } else { 0 }];
-                if control.stopped() {
-                    return sums;
-                }
-                let (j, k) = (at % n[1], at / n[1]);
-                for i in 0..n[0] {
-                    let centre = [i, j, k].map(|c| c as f32 + 0.5);
-                    for (l, lit) in lights.iter().enumerate() {
-                        let Quadrature { fluence: phi, collisions } = find(l, [i, j, k]);
-                        if let Some(row) = fluence {
-                            (0..channels).for_each(|c| row[i * channels + c] += phi[c]);
-                        }
-                        if let Some(row) = source {
-                            let toward = eye.from(centre, h);
-                            let p = scene.medium.phase.pdf(cosine(toward, lit.view.incident(centre).direction));
-                            (0..channels).for_each(|c| row[i * channels + c] += phi[c] * p);
-                        }
-                        if quiet {
-                            let albedo = albedo_of(scene, at * n[0] + i);
-                            for c in 0..3 {
-                                let power =
-                                    scene.medium.extinction.rgb[c] * f64::from(collisions[c]) * volume.voxel_volume();
-                                sums[lit.light][0][c] += power * (1.0 - albedo[c]);
-                                sums[lit.light][1][c] += power * albedo[c];
-                            }
-                        }
+        let along = direction.map(|c| c as f32);
+        over_beam(scene, position, direction, |cell, path, absorbed| {
+            let toward = eye.from(cell.map(|c| c as f32 + 0.5), h);
+            let p = if plan.wants_source() { f64::from(scene.medium.phase.pdf(cosine(toward, along))) } else { 0.0 };
+            let voxel = (cell[2] * n[1] + cell[1]) * n[0] + cell[0];
+            for c in 0..channels {
+                let (at, power) = (voxel * channels + c, power[c] / volume.voxel_volume());
+                for (list, value) in
+                    [(&mut self.fluence, path[c]), (&mut self.absorbed, absorbed[c]), (&mut self.source, path[c] * p)]
+                {
+                    if let Some(sum) = list.get_mut(at) {
+                        *sum += (power * value) as f32;
                     }
                 }
-                sums
-            })
-            .collect();
-        for row in sums {
-            for (total, sum) in self.collided.iter_mut().zip(row) {
-                for (t, s) in total.iter_mut().flatten().zip(sum.iter().flatten()) {
-                    *t += s;
-                }
             }
-        }
+        });
     }
 }

@@ -37,50 +37,9 @@ pub fn ball_range(p: [f64; 3], v: [f64; 3], radius: f64) -> Option<(f64, f64)> {
     (half2 > 0.0).then(|| (foot - half2.sqrt(), foot + half2.sqrt()))
 }
 
-/// The solid angle of the rectangle [x0, x1] x [y0, y1] in the plane at distance `z` > 0 from the eye at the origin.
-pub fn rectangle_solid_angle(x0: f64, x1: f64, y0: f64, y1: f64, z: f64) -> f64 {
-    let corner = |x: f64, y: f64| (x * y / (z * (x * x + y * y + z * z).sqrt())).atan();
-    corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
-}
-
-/// The solid angle of the box [0, size] seen from `eye`; 4 pi from inside.
-pub fn box_solid_angle(eye: [f64; 3], size: [f64; 3]) -> f64 {
-    if (0..3).all(|a| eye[a] > 0.0 && eye[a] < size[a]) {
-        return 4.0 * std::f64::consts::PI;
-    }
-    let mut total = 0.0;
-    for axis in 0..3 {
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let z = if eye[axis] < 0.0 { -eye[axis] } else { eye[axis] - size[axis] };
-        if z > 0.0 {
-            total += rectangle_solid_angle(-eye[u], size[u] - eye[u], -eye[v], size[v] - eye[v], z);
-        }
-    }
-    total
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn solid_angle_of_a_cube_face_seen_from_its_centre_is_a_sixth_of_the_sphere() {
-        let face = rectangle_solid_angle(-1.0, 1.0, -1.0, 1.0, 1.0);
-        assert!((face - 4.0 * std::f64::consts::PI / 6.0).abs() < 1e-14);
-    }
-
-    #[test]
-    fn solid_angle_far_away_is_projected_area_over_distance_squared() {
-        let d = 1e4;
-        let eye = [d, d * 0.5, -d * 0.25];
-        let r = (eye.iter().map(|c| c * c).sum::<f64>()).sqrt();
-        let area = (2.0 * 3.0) * eye[2].abs() / r + (3.0 * 1.0) * eye[0].abs() / r + (2.0 * 1.0) * eye[1].abs() / r;
-        // sides x: 1, y: 2, z: 3 -> area normal to x is 2*3, to y 1*3, to z 1*2
-        let area_exact = (2.0 * 3.0) * eye[0] / r + (1.0 * 3.0) * eye[1] / r + (1.0 * 2.0) * -eye[2] / r;
-        assert!(area > 0.0);
-        let omega = box_solid_angle(eye, [1.0, 2.0, 3.0]);
-        assert!((omega * r * r / area_exact - 1.0).abs() < 1e-3);
-    }
 
     #[test]
     fn mean_transmittance_is_smooth_and_right() {

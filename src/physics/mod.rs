@@ -4,9 +4,11 @@
 pub mod flight;
 pub mod frame;
 pub mod harmonics;
+pub mod lattice;
 pub mod phase;
 pub mod real;
 pub mod rng;
+pub mod solid_angle;
 
 pub use phase::Phase;
 pub use real::Real;

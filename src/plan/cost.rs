@@ -1,6 +1,7 @@
 //! What a plan costs: bytes and seconds, estimated before anything runs.
 
-use super::{Column, Direct, Emission, MajorantGrid, Plan, Tracker};
+use super::lights::crossed;
+use super::{Column, Direct, Emission, MajorantGrid, Plan, REPLICATES, Tracker};
 use crate::error::{Error, Result};
 use crate::scene::{Light, Scene};
 
@@ -53,6 +54,7 @@ pub fn memory(plan: &Plan) -> Memory {
         ),
         ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
     ];
+    parts.push(("unscattered light", order0_bytes(plan)));
     if plan.settings.adapter.is_some() {
         parts.push(("tally bins (GPU)", values * 8 * words(plan) as u64));
         parts.push(("density (GPU)", if volume.is_constant() { 0 } else { voxels * 4 }));
@@ -64,6 +66,24 @@ pub fn memory(plan: &Plan) -> Memory {
     }
     parts.retain(|p| p.1 > 0);
     Memory { parts }
+}
+
+/// Sums of 64 bits of the rays of unscattered light, one set for each thread, beyond this many bytes are one set that all share.
+pub const PRIVATE_SUMS: usize = 128 << 20;
+
+/// Bytes of the sums and moments that find the unscattered light of one light.
+fn order0_bytes(plan: &Plan) -> u64 {
+    let voxels = plan.settings.fluence || plan.settings.radiance;
+    if plan.paths.is_some() || !voxels || !plan.lights.iter().any(|l| matches!(l.direct, Direct::Rays(_))) {
+        return 0;
+    }
+    let medium = &plan.scene.medium;
+    let seen = plan.settings.radiance && plan.wants_source() && !medium.phase.is_isotropic();
+    let values = medium.volume.voxels() * if plan.chromatic { 3 } else { 1 };
+    let tallies = 1 + usize::from(plan.finds_absorbed()) + usize::from(seen);
+    let sets = threads(plan.settings.threads);
+    let sets = if values * tallies * sets * 8 <= PRIVATE_SUMS { sets } else { 1 };
+    (values * tallies * (8 * sets + 12)) as u64
 }
 
 /// Pixels of the plan's camera.
@@ -114,9 +134,7 @@ pub fn bin_sets(plan: &Plan) -> usize {
 pub fn uses_grid(plan: &super::LightPlan, light: &Light, constant: bool) -> bool {
     !constant
         && matches!(light, Light::Point { .. } | Light::Directional { .. })
-        && (plan.column == Column::Grid
-            || plan.emission == Emission::FirstCollision
-            || matches!(plan.direct, Direct::Quadrature { rays: false, .. }))
+        && (plan.column == Column::Grid || plan.emission == Emission::FirstCollision)
 }
 
 /// Refuses a plan that does not fit, unless forced.
@@ -233,21 +251,22 @@ pub fn photons_per_second(
 pub fn seconds(plan: &Plan) -> f64 {
     let volume = &plan.scene.medium.volume;
     let threads = threads(plan.settings.threads) as f64;
-    let side = volume.n().iter().map(|&m| m as f64).fold(0.0, f64::max);
     let grids = light_grids(plan) as f64;
     // Unscattered light in voxels is found with the run only if that judges their error.
-    let points: f64 = plan
+    let rays: f64 = plan
         .lights
         .iter()
-        .filter(|_| plan.judges_fluence())
-        .map(|l| match (l.direct, l.column) {
-            (Direct::Quadrature { points, rays: true }, _) => (points * points * points) as f64,
-            (Direct::Quadrature { .. }, Column::Rays) => 1.0,
+        .zip(&plan.scene.lights)
+        .map(|(how, light)| match how.direct {
+            Direct::Rays(lattice) if plan.judges_fluence() => {
+                (REPLICATES * lattice.points()) as f64 * crossed(volume, light)
+            }
             _ => 0.0,
         })
         .sum();
-    // A sweep reads each voxel a few times, a ray crosses half of the volume.
-    let light = volume.voxels() as f64 * (45e-9 * grids + side * 0.5 * 6e-9 * points) / threads;
+    // A sweep reads each voxel a few times; between voxel centres a ray has two pieces to a voxel.
+    let crossing = if volume.linear() { 25e-9 } else { 12e-9 };
+    let light = (volume.voxels() as f64 * 45e-9 * grids + rays * crossing) / threads;
     let batches = plan.batches.unwrap_or(plan.subvolumes.max(16) as u64);
     let photons = (plan.batch_photons * batches) as f64 / plan.photons_per_second;
     let folds = batches as f64 * volume.voxels() as f64 * plan.channels as f64 * 5e-9 / threads;

@@ -1,6 +1,6 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
-use super::{Column, Connection, Direct, Emission, LightPlan, Method, Settings};
+use super::{Column, Connection, Direct, Emission, LightPlan, Method, REPLICATES, Settings};
 use crate::scene::medium::Emission as Glow;
 use crate::scene::{Camera, Light};
 
@@ -75,7 +75,10 @@ impl Explain {
     pub fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
         let name = light.name();
         let direct = match plan.direct {
-            Direct::Quadrature { points, .. } => format!("order 0 by {points}^3 points a voxel"),
+            Direct::Rays(lattice) => format!(
+                "order 0 by {REPLICATES} x {} light rays for each cell of a plane, each exact along its way",
+                lattice.points()
+            ),
             Direct::Beam => "order 0 exact along the beam".into(),
             Direct::Sampled => "order 0 by photons".into(),
         };

@@ -1,7 +1,8 @@
 //! What the plan decides for each light: where its photons start, and how its unscattered light is found.
 
 use super::probe::{fine_error, interpolation_error};
-use crate::scene::{Light, Scene};
+use crate::physics::lattice::Lattice;
+use crate::scene::{Light, Scene, Volume};
 
 /// Where the photons of a light start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,13 +18,8 @@ pub enum Emission {
 /// How the unscattered light of a light is found in voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direct {
-    /// By Gauss points in each voxel.
-    Quadrature {
-        /// Points per axis.
-        points: usize,
-        /// A light ray from each point, rather than the light grid put right by one ray from the centre.
-        rays: bool,
-    },
+    /// By light rays through the whole box, each exact along its way: so many for each cell of a plane, [`REPLICATES`] times.
+    Rays(Lattice),
     /// Exactly, along a pencil beam.
     Beam,
     /// By photons.
@@ -64,6 +60,10 @@ impl LightPlan {
     }
 }
 
+/// Lattices of random shift that light rays are dealt out in; the scatter among these is the standard error of what they find.
+pub const REPLICATES: u64 = 8;
+/// Voxels that the light rays of small volumes cross, all together.
+const CROSSED: f64 = 5e6;
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
 const INTERPOLATION_ERROR: f64 = 0.005;
 /// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has
@@ -72,9 +72,8 @@ const START_ERROR: f64 = 0.01;
 /// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
 const FIRST_COLLISION_DEPTH: f64 = 1.0;
 
-/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked,
-/// `voxels` whether values of voxels are wanted.
-pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool, voxels: bool) -> LightPlan {
+/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked.
+pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPlan {
     let volume = &scene.medium.volume;
     let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
     match light {
@@ -110,38 +109,27 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool,
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
             let fine_error = if rays && !constant { fine_error(scene, light) } else { 0.0 };
             let column = if rays { Column::Rays } else { Column::Grid };
-            let direct = choose_quadrature(depth, volume.voxels(), constant, voxels);
+            let direct = Direct::Rays(Lattice::up_to(CROSSED / (REPLICATES as f64 * crossed(volume, light))));
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;
             LightPlan { emission, direct, column, interpolation_error, fine_error, interpolated_starts }
         }
     }
 }
 
-/// Gauss points per axis that a voxel of an optical depth needs.
-pub fn points_for(depth: f64) -> usize {
-    match depth {
-        d if d <= 0.15 => 1,
-        d if d <= 1.5 => 2,
-        d if d <= 3.0 => 3,
-        d if d <= 6.0 => 4,
-        d if d <= 12.0 => 8,
-        _ => 16,
+/// About how many voxels the rays of a light cross that are one for each cell.
+pub fn crossed(volume: &Volume, light: &Light) -> f64 {
+    let (n, h) = (volume.n().map(|m| m as f64), volume.spacing());
+    match light {
+        Light::Directional { direction, .. } => {
+            let speed: [f64; 3] = std::array::from_fn(|a| direction[a].abs() / h[a]);
+            n.iter().product::<f64>() * speed.iter().sum::<f64>() / speed.into_iter().fold(0.0, f64::max)
+        }
+        Light::Point { position, .. } => {
+            let (p, size) = (volume.local(*position), volume.size());
+            let faces = |a: usize| f64::from(u8::from(p[a] > 0.0) + u8::from(p[a] < size[a]));
+            let cells: f64 = (0..3).map(|a| faces(a) * n[(a + 1) % 3] * n[(a + 2) % 3]).sum();
+            cells * n.iter().sum::<f64>() * 0.5
+        }
+        Light::Pencil { .. } | Light::Environment { .. } => 0.0,
     }
-}
-
-/// As many points per voxel as its depth needs, and more where they cost nothing to speak of: kinks of the depth behind
-/// the box's edges are then averaged. A light ray for each where that is affordable.
-fn choose_quadrature(depth: f64, voxels: usize, constant: bool, kept: bool) -> Direct {
-    let needed = points_for(depth);
-    if !kept {
-        // The energy balance needs sums only.
-        return Direct::Quadrature { points: needed.min(4), rays: constant };
-    }
-    // In constant density a ray has a closed form.
-    let affordable = if constant { 2e7 } else { 4e6 };
-    let spare = ((affordable / voxels as f64).cbrt() as usize).clamp(1, 4);
-    let points = spare.max(needed);
-    let cost = (points as f64).powi(3) * voxels as f64;
-    let rays = constant || cost <= affordable;
-    Direct::Quadrature { points, rays }
 }

@@ -13,7 +13,7 @@ pub mod settings;
 mod tracker;
 
 pub use explain::Decision;
-pub use lights::{Column, Direct, Emission, LightPlan, points_for};
+pub use lights::{Column, Direct, Emission, LightPlan, REPLICATES};
 pub use majorant::{MajorantGrid, StepCosts};
 pub use path::{Connection, PathPlan};
 pub use settings::{Adapter, Angular, Method, Settings, Simd, Tracker};
@@ -168,7 +168,6 @@ impl<'a> Plan<'a> {
             },
         );
         let shoots_scattered = method == Method::Photon && scatters && orders > 0;
-        let voxels = settings.fluence || settings.radiance;
         let mut paths = None;
         let lights: Vec<LightPlan> = if method == Method::Path {
             let (lights, connections) = scene
@@ -182,7 +181,7 @@ impl<'a> Plan<'a> {
             paths = Some(path::plan(scene, settings, connections, &mut why));
             lights
         } else {
-            let plan = |light| lights::plan_light(scene, light, depth, shoots_scattered, voxels);
+            let plan = |light| lights::plan_light(scene, light, depth, shoots_scattered);
             let lights: Vec<_> = scene.lights.iter().map(plan).collect();
             for (light, plan) in scene.lights.iter().zip(&lights) {
                 why.light(light, plan, depth);
@@ -359,6 +358,11 @@ impl<'a> Plan<'a> {
     /// Whether means and variances of voxels are kept; images alone need no more than the replicates' sums.
     pub fn keeps_moments(&self) -> bool {
         self.settings.fluence || self.settings.radiance || self.subvolumes == 0
+    }
+
+    /// Whether what is absorbed in voxels is found by itself, for it is not the fluence times a coefficient.
+    pub fn finds_absorbed(&self) -> bool {
+        self.settings.fluence && self.scene.medium.absorbs_unevenly()
     }
 
     /// Whether a target error is meant for pixels, not for voxels.

@@ -3,6 +3,7 @@
 use super::probe::{self, interpolation_error};
 use super::{Column, Direct, Emission, Explain, LightPlan, Settings};
 use crate::error::{Result, scene_error};
+use crate::physics::lattice::Lattice;
 use crate::scene::{Light, Scene};
 
 /// Paths from the camera.
@@ -88,7 +89,7 @@ pub(super) fn plan_light(scene: &Scene, settings: &Settings, light: &Light) -> R
     let volume = &scene.medium.volume;
     let none = |column, interpolation_error| LightPlan {
         emission: Emission::Nothing,
-        direct: Direct::Quadrature { points: 1, rays: true },
+        direct: Direct::Rays(Lattice::of(1.0)),
         column,
         interpolation_error,
         fine_error: 0.0,

@@ -10,8 +10,8 @@ use crate::scene::environment::Map;
 use crate::scene::volume::placed;
 use crate::scene::{Albedo, Camera, Emission, Light, Medium, Scene, Spectrum, Volume, Voxels};
 use numpy::{
-    PyArray1, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArray4,
-    PyReadonlyArrayDyn, PyUntypedArrayMethods,
+    PyArray1, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray3, PyReadonlyArray4, PyReadonlyArrayDyn,
+    PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySequence};
@@ -330,24 +330,11 @@ pub fn energy<'py>(py: Python<'py>, energy: &Energy, channels: usize) -> PyResul
     let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
     out.set_item("launched", by_channel(&energy.launched))?;
     out.set_item("error", by_channel(&energy.error))?;
+    out.set_item("imbalance", by_channel(&energy.imbalance))?;
     for (share, name) in Share::ALL {
         out.set_item(name, by_channel(&energy.fractions[share.index()]))?;
     }
     Ok(out)
-}
-
-/// The energy balance in such a dictionary.
-pub fn energy_of(dict: &Bound<'_, PyDict>) -> PyResult<Energy> {
-    let by_channel = |name: &str| -> PyResult<[f64; 3]> {
-        let values = get(dict, name)?.extract::<PyReadonlyArray1<f64>>()?;
-        let values = values.as_array();
-        Ok(std::array::from_fn(|c| values.get(c).copied().unwrap_or(0.0)))
-    };
-    let mut energy = Energy { launched: by_channel("launched")?, error: by_channel("error")?, ..Energy::default() };
-    for (share, name) in Share::ALL {
-        energy.fractions[share.index()] = by_channel(name)?;
-    }
-    Ok(energy)
 }
 
 /// Refuses an eye that an anisotropic run was not recorded for.

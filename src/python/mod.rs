@@ -11,7 +11,6 @@ use crate::backend::cpu::gather::{Volumes, beams, samples};
 use crate::backend::cpu::light::{Fine, Illumination};
 use crate::backend::cpu::pixel_error;
 use crate::backend::run;
-use crate::backend::single::quiet;
 use crate::error::Error;
 use crate::error::Result;
 use crate::physics::Phase;
@@ -180,13 +179,12 @@ fn fail_device(py: Python<'_>, backend: &str, out_of_memory: bool) -> PyResult<(
     py.detach(|| Device::open(backend).map(|device| device.fail(out_of_memory))).map_err(|e| to_py(py, e))
 }
 
-/// What unscattered light adds to the arrays that a run left, and its energy balance, where `energy` lacks that light.
+/// What unscattered light adds to the arrays that a run left.
 #[pyfunction]
 fn unscattered<'py>(
     py: Python<'py>,
     scene: &Bound<'py, Prepared>,
     settings: &Bound<'py, PyDict>,
-    energy: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let device = device_or_cpu(py, settings)?;
     let scene = scene.get();
@@ -194,11 +192,9 @@ fn unscattered<'py>(
     let parsed = scene.scene(&held)?;
     // The run that this belongs to was let through.
     let settings = Settings { force: true, ..convert::settings(settings)?.on(&device, "cpu") };
-    let energy = energy.map(convert::energy_of).transpose()?;
     let (order0, channels) = Threads::new(settings.threads).watch(py, None, None, |control| {
         let plan = Plan::new(&parsed, &settings)?;
-        let occupancy = scene.occupancy(&parsed);
-        Ok((run::order0(&plan, occupancy, &device, control, energy)?, plan.channels))
+        Ok((run::order0(&plan, control)?, plan.channels))
     })?;
     report_order0(py, order0, parsed.medium.volume.n(), channels)
 }
@@ -215,13 +211,12 @@ fn device_or_cpu(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<Devic
 /// Order 0 as a dictionary of arrays.
 fn report_order0<'py>(py: Python<'py>, order0: Order0, n: [usize; 3], channels: usize) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
-    for (name, values) in [("fluence", order0.fluence), ("radiance", order0.radiance)] {
-        if let Some(values) = values {
-            out.set_item(name, array(py, values, &[n[2], n[1], n[0]], channels, 1)?)?;
+    let shape = [n[2], n[1], n[0]];
+    for (name, pair) in [("fluence", order0.fluence), ("radiance", order0.radiance), ("absorbed", order0.absorbed)] {
+        if let Some((mean, error)) = pair {
+            out.set_item(name, array(py, mean, &shape, channels, 1)?)?;
+            out.set_item(format!("{name}_error"), array(py, error, &shape, channels, 1)?)?;
         }
-    }
-    if let Some(energy) = order0.energy {
-        out.set_item("energy", convert::energy(py, &energy, channels)?)?;
     }
     Ok(out)
 }
@@ -361,7 +356,8 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     description.set_item("photons", outcome.photons)?;
     description.set_item("batches", outcome.batches)?;
     out.set_item("plan", description)?;
-    for (name, pair) in [("fluence", outcome.fluence), ("radiance", outcome.radiance)] {
+    let voxels = [("fluence", outcome.fluence), ("radiance", outcome.radiance), ("absorbed", outcome.absorbed)];
+    for (name, pair) in voxels {
         if let Some((mean, error)) = pair {
             out.set_item(name, array(py, mean, &shape, channels, 1)?)?;
             out.set_item(format!("{name}_error"), array(py, error, &shape, channels, 1)?)?;
@@ -392,8 +388,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     out.set_item("columns", columns)?;
     out.set_item("fine", plan.lights.iter().map(LightPlan::fine).collect::<Vec<_>>())?;
     if plan.paths.is_none() {
-        let name = if quiet(plan) { "balance" } else { "energy" };
-        out.set_item(name, convert::energy(py, &outcome.energy, channels)?)?;
+        out.set_item("energy", convert::energy(py, &outcome.energy, channels)?)?;
         out.set_item("order0", false)?;
     }
     if let Some(order0) = outcome.order0 {
@@ -403,7 +398,7 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     stats.set_item("photons", outcome.photons)?;
     stats.set_item("collisions", outcome.collisions)?;
     stats.set_item("batches", outcome.batches)?;
-    stats.set_item("degrees_of_freedom", outcome.batches.saturating_sub(1))?;
+    stats.set_item("degrees_of_freedom", outcome.degrees_of_freedom)?;
     let independent = if plan.paths.is_some() { outcome.batches as usize } else { outcome.replicates };
     stats.set_item("degrees_of_freedom_pixel", independent.saturating_sub(1))?;
     stats.set_item("spp", plan.paths.as_ref().map(|paths| paths.starts * outcome.batches))?;

@@ -164,22 +164,6 @@ impl<'a> Field<'a> {
         &self.values[self.index(c)..]
     }
 
-    /// The largest value that a lookup within a voxel can return.
-    pub fn maximum(&self, c: [i32; 3]) -> f32 {
-        if !self.linear {
-            return self.voxel(c);
-        }
-        let mut top = 0.0f32;
-        for k in (c[2] - 1).max(0)..(c[2] + 2).min(self.n[2]) {
-            for j in (c[1] - 1).max(0)..(c[1] + 2).min(self.n[1]) {
-                for i in (c[0] - 1).max(0)..(c[0] + 2).min(self.n[0]) {
-                    top = top.max(self.voxel([i, j, k]));
-                }
-            }
-        }
-        top
-    }
-
     /// The cell of interpolation (i, j, k), from -1 to n - 1.
     #[inline(always)]
     pub fn corners(&self, c: [i32; 3]) -> Corners {

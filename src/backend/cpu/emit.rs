@@ -1,11 +1,12 @@
 //! Where photons start: at a light, within an emitting medium, or at their first collision.
 
-use super::light::{Illumination, beam_entry};
+use super::light::Illumination;
 use super::track::enter;
+use super::unscattered::beam;
 use crate::physics::Real;
-use crate::physics::flight::box_solid_angle;
 use crate::physics::frame::{rotate, sphere};
 use crate::physics::rng::{Draws, uniform64};
+use crate::physics::solid_angle::box_solid_angle;
 use crate::plan::{Direct, Emission, LightPlan};
 use crate::scene::environment::Shower;
 use crate::scene::field::{Field, V3};
@@ -231,7 +232,7 @@ impl<'a> Emitter<'a> {
                 (Kind::Point { position: volume.local(*position), axis, cap }, 2.0 * PI * cap * top)
             }
             (_, Light::Pencil { position, direction, .. }) => {
-                let (p, _, _) = beam_entry(scene, *position, *direction)?;
+                let p = beam(scene, *position, *direction)?.p.map(|c| c as f32);
                 (Kind::Pencil { p, direction: *direction }, top)
             }
             (_, Light::Directional { direction, .. }) => {

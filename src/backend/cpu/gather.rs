@@ -12,8 +12,9 @@ mod samples;
 
 use super::emitted::Glow;
 use super::even::{Packed, suits};
-use super::light::{GAUSS, Illumination, beam};
+use super::light::{GAUSS, Illumination};
 use super::shoot::LocalEye;
+use super::unscattered::{cosine, over_beam};
 use crate::physics::Phase;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
@@ -448,13 +449,12 @@ pub fn beams(scene: &Scene, camera: &Camera, channels: usize) -> Option<Vec<f32>
         let Light::Pencil { position, direction, power } = light else { continue };
         let source = source.get_or_insert_with(|| vec![0.0; volume.voxels() * channels]);
         let along = direction.map(|c| c as f32);
-        beam(scene, *position, *direction, |voxel, length| {
-            let centre = [voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])].map(|c| c as f32 + 0.5);
-            let to_eye = eye.from(centre, h);
-            let cos_theta = (0..3).map(|a| to_eye[a] * along[a]).sum::<f32>().clamp(-1.0, 1.0);
-            let p = f64::from(scene.medium.phase.pdf(cos_theta)) / volume.voxel_volume();
+        over_beam(scene, *position, *direction, |cell, path, _| {
+            let toward = eye.from(cell.map(|c| c as f32 + 0.5), h);
+            let p = f64::from(scene.medium.phase.pdf(cosine(toward, along))) / volume.voxel_volume();
             for c in 0..channels {
-                source[voxel * channels + c] += (power.rgb[c] * length[c] * p) as f32;
+                let at = (cell[2] * n[1] + cell[1]) * n[0] + cell[0];
+                source[at * channels + c] += (power.rgb[c] * path[c] * p) as f32;
             }
         });
     }

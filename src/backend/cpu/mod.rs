@@ -15,6 +15,7 @@ pub mod shoot;
 pub mod simd;
 mod sweep;
 pub mod track;
+pub mod unscattered;
 
 use crate::backend::Control;
 use crate::backend::run::Shooter;

@@ -1,16 +1,16 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::angular::Towards;
-use super::emit::{hit_fraction, mean_density};
+use super::emit::hit_fraction;
 use super::gather::Volumes;
-use super::light::{Illumination, beam, unscattered};
+use super::light::Illumination;
 use super::pixel_error;
-use super::shoot::LocalEye;
+use super::unscattered::{Aim, Balance, balance};
 use crate::backend::shot::Shot;
-use crate::backend::single::{Single, albedo_of, cosine, quiet, single};
+use crate::backend::single::{Single, single};
 use crate::backend::{Control, Device};
-use crate::error::{Error, Result};
-use crate::plan::{Emission, Plan};
+use crate::error::Result;
+use crate::plan::{Direct, Emission, Plan, REPLICATES};
 use crate::result::{Energy, Order0, Outcome, Share};
 use crate::scene::field::Occupancy;
 use crate::scene::{Albedo, Light};
@@ -21,14 +21,11 @@ use rayon::prelude::*;
 const PER_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
 
 /// Sums up what the photons of a run left; `direct` is what unscattered light leaves, if that was looked for.
-pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, direct: Option<Single>) -> Outcome {
+pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
     let channels = plan.channels;
     let values = plan.scene.medium.volume.voxels() * channels;
-    let mut energy = balance(plan, views, &shot);
-    if !quiet(plan) {
-        energy = in_fractions(plan, energy);
-    }
-    let order0 = direct.map(|direct| order0(plan, direct, quiet(plan).then(|| energy.clone())));
+    let energy = energy(plan, &shot);
+    let order0 = direct.map(|direct| order0(plan, direct));
     let count = shot.batches;
     let tallied = !plan.layers.is_empty() && count > 0;
 
@@ -38,6 +35,20 @@ pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, direc
         if tallied {
             mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m = *x as f32);
             error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
+        }
+        (mean, error)
+    });
+    let absorbed = plan.finds_absorbed().then(|| {
+        let (mut mean, mut error) = (vec![0.0; values], vec![0.0; values]);
+        if tallied {
+            let sigma_a = |at: usize| absorption(plan, at / channels)[at % channels];
+            mean.par_iter_mut().zip(&shot.fluence.mean).enumerate().for_each(|(at, (m, x))| {
+                *m = (*x * sigma_a(at)) as f32;
+            });
+            error.par_iter_mut().zip(&shot.fluence.m2).enumerate().for_each(|(at, (e, m2))| {
+                let sigma_a = sigma_a(at) as f32;
+                *e = if sigma_a > 0.0 { sigma_a * Moments::error(*m2, count) } else { 0.0 };
+            });
         }
         (mean, error)
     });
@@ -87,6 +98,7 @@ pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, direc
         pixels: None,
         fluence,
         radiance,
+        absorbed,
         source,
         source0,
         subvolumes,
@@ -97,6 +109,7 @@ pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, direc
         photons: shot.photons,
         collisions: shot.energies.iter().map(|e| e.0.collisions).sum(),
         batches: count,
+        degrees_of_freedom: degrees_of_freedom(plan, count),
         seconds: [0.0; 3],
         stopped: shot.stopped,
         warnings,
@@ -115,27 +128,23 @@ fn reflect(plan: &Plan, values: &mut [f32]) {
     });
 }
 
-/// What unscattered light adds to a run: to the voxels, and to an energy balance in watts that lacks what collides of
-/// lights without photons.
-pub fn order0(plan: &Plan, direct: Single, energy: Option<Energy>) -> Order0 {
-    let energy = energy.map(|mut energy| {
-        for (light, sums) in plan.lights.iter().zip(&direct.collided) {
-            if light.emission == Emission::Nothing {
-                for c in 0..plan.channels {
-                    energy.fractions[Share::Absorbed.index()][c] += sums[0][c];
-                    energy.fractions[Share::Truncated.index()][c] += sums[1][c];
-                }
-            }
-        }
-        in_fractions(plan, energy)
-    });
-    let mut radiance = direct.source;
+/// What unscattered light adds to the voxels of a run.
+pub fn order0(plan: &Plan, direct: Single) -> Order0 {
+    let (mut radiance, mut error) = (direct.source, direct.source_error);
     reflect(plan, &mut radiance);
+    reflect(plan, &mut error);
     Order0 {
-        fluence: plan.settings.fluence.then_some(direct.fluence),
-        radiance: plan.settings.radiance.then_some(radiance),
-        energy,
+        fluence: plan.settings.fluence.then_some((direct.fluence, direct.fluence_error)),
+        radiance: plan.settings.radiance.then_some((radiance, error)),
+        absorbed: plan.finds_absorbed().then_some((direct.absorbed, direct.absorbed_error)),
     }
+}
+
+/// The least degrees of freedom among what the standard errors of voxels are made of.
+fn degrees_of_freedom(plan: &Plan, batches: u64) -> u64 {
+    let rays = plan.lights.iter().any(|light| matches!(light.direct, Direct::Rays(_)));
+    let photons = (batches > 0).then(|| batches - 1);
+    photons.into_iter().chain(rays.then_some(REPLICATES - 1)).min().unwrap_or(0)
 }
 
 impl Shot {
@@ -181,49 +190,20 @@ fn interleaved(sums: &[Vec<f32>], batches: &[u64]) -> Vec<f32> {
     means
 }
 
-/// The deterministic part: what unscattered light leaves in the voxels.
-pub fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
-    let scene = plan.scene;
-    let volume = &scene.medium.volume;
-    let (channels, n) = (plan.channels, volume.n());
-    let h = volume.spacing().map(|c| c as f32);
-    let eye = LocalEye::new(scene, &scene.camera);
-    let wants_source = plan.settings.radiance && plan.wants_source();
-    let mut found = single(plan, views, device, control)?;
-    for (l, light) in scene.lights.iter().enumerate() {
-        let Light::Pencil { position, direction, power } = light else { continue };
-        let cubic = volume.voxel_volume();
-        beam(scene, *position, *direction, |voxel, length| {
-            let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
-            let centre = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
-            let p = scene.medium.phase.pdf(cosine(eye.from(centre, h), direction.map(|c| c as f32)));
-            let density = f64::from(mean_density(volume, [i, j, k]));
-            let albedo = albedo_of(scene, voxel);
-            for c in 0..3 {
-                let phi = power.rgb[c] * length[c] / cubic;
-                if c < channels {
-                    let at = voxel * channels + c;
-                    if let Some(x) = found.fluence.get_mut(at) {
-                        *x += phi as f32;
-                    }
-                    if let Some(x) = found.source.get_mut(at).filter(|_| wants_source) {
-                        *x += phi as f32 * p;
-                    }
-                }
-                let power = density * scene.medium.extinction.rgb[c] * phi * cubic;
-                found.collided[l][0][c] += power * (1.0 - albedo[c]);
-                found.collided[l][1][c] += power * albedo[c];
-            }
-        });
-    }
-    if control.stopped() {
-        return Err(Error::Interrupted);
-    }
-    Ok(found)
+/// The absorption coefficient at a voxel's centre, by channel.
+fn absorption(plan: &Plan, voxel: usize) -> [f64; 3] {
+    let medium = &plan.scene.medium;
+    let albedo = match medium.albedo {
+        Albedo::Constant(a) => a.rgb,
+        Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
+    };
+    let density = f64::from(medium.volume.density()[voxel]);
+    std::array::from_fn(|c| (1.0 - albedo[c]) * medium.extinction.rgb[c] * density)
 }
 
-/// The energy balance [W] without what [`direct`] finds: shares of photons, and what lights send past or through.
-fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
+/// The energy balance: what the photons found, and of lights whose photons do not sample it what misses the box, passes
+/// unscattered, or collides.
+fn energy(plan: &Plan, shot: &Shot) -> Energy {
     let scene = plan.scene;
     let size = scene.medium.volume.size();
     let mut energy = Energy::default();
@@ -245,59 +225,55 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
             energy.error[c] = (totals.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (k * (k - 1.0))).sqrt();
         }
     }
-    for ((light, how), view) in scene.lights.iter().zip(&plan.lights).zip(views) {
+    for (at, (light, how)) in scene.lights.iter().zip(&plan.lights).enumerate() {
         let emitted = light.launched(size);
+        (0..plan.channels).for_each(|c| energy.launched[c] += emitted[c]);
+        let value = light.value().rgb;
         // Of a light of value 1.
-        let (sphere, beamed) = (4.0 * std::f64::consts::PI, 1.0);
-        let (missed, through, error) = match (light, how.emission, view) {
-            (Light::Point { position, .. }, Emission::AtLight, _) => {
-                // Photons are sampled in a cone around the box; all else misses.
-                let local = scene.medium.volume.local(*position);
-                (sphere - super::emit::cone_solid_angle(local, size), [0.0; 3], 0.0)
+        let quiet = how.emission == Emission::Nothing;
+        let sphere = 4.0 * std::f64::consts::PI;
+        let rays =
+            || Aim::new(&scene.medium.volume, light).map(|aim| balance(scene, (at, &aim), plan.settings.seed, quiet));
+        let (missed, found) = match (light, how.emission) {
+            // Photons are sampled in a cone around the box; all else misses.
+            (Light::Point { position, .. }, Emission::AtLight) => {
+                (sphere - super::emit::cone_solid_angle(scene.medium.volume.local(*position), size), None)
             }
-            (Light::Point { position, .. }, _, Some(view)) => {
-                let (through, error) = unscattered(scene, view);
-                (sphere * (1.0 - hit_fraction(scene, *position)), through, error)
-            }
-            (Light::Directional { .. }, Emission::FirstCollision | Emission::Nothing, Some(view)) => {
-                let (through, error) = unscattered(scene, view);
-                (0.0, through, error)
-            }
-            (Light::Pencil { position, direction, .. }, _, _) => {
-                match (beam(scene, *position, *direction, |_, _| {}), how.emission) {
-                    (None, _) => (beamed, [0.0; 3], 0.0),
-                    (Some(_), Emission::AtLight) => (0.0, [0.0; 3], 0.0),
-                    (Some(column), _) => (0.0, scene.medium.extinction.rgb.map(|e| (-e * column).exp()), 0.0),
+            (Light::Point { position, .. }, _) => (sphere * (1.0 - hit_fraction(scene, *position)), rays()),
+            (Light::Directional { .. }, Emission::FirstCollision | Emission::Nothing) => (0.0, rays()),
+            (Light::Pencil { position, direction, .. }, emission) => {
+                match Balance::of_beam(scene, *position, *direction) {
+                    None => (1.0, None),
+                    Some(_) if emission == Emission::AtLight => (0.0, None),
+                    found => (0.0, found),
                 }
             }
-            _ => (0.0, [0.0; 3], 0.0),
+            _ => (0.0, None),
         };
+        let found = found.unwrap_or_default();
         for c in 0..plan.channels {
-            let value = light.value().rgb[c];
-            energy.launched[c] += emitted[c];
-            energy.fractions[Share::Missed.index()][c] += value * missed;
-            energy.fractions[Share::Unscattered.index()][c] += value * through[c];
-            energy.error[c] += value * error;
+            let mut add = |share: Share, part: f64| energy.fractions[share.index()][c] += value[c] * part;
+            add(Share::Missed, missed);
+            add(Share::Unscattered, found.through[c]);
+            if quiet {
+                add(Share::Absorbed, found.absorbed[c]);
+                add(Share::Truncated, found.scattered[c]);
+            } else {
+                // Collisions are the photons'; of quiet lights all shares are found together.
+                energy.error[c] = energy.error[c].hypot(value[c] * found.error[c]);
+            }
         }
     }
     if let Some(emission) = &scene.medium.emission {
         let power = emission.power(&scene.medium.volume);
         (0..plan.channels).for_each(|c| energy.launched[c] += power[c]);
     }
-    energy
-}
-
-/// Turns the shares of the energy from watts into fractions of what is launched.
-fn in_fractions(plan: &Plan, mut energy: Energy) -> Energy {
     for c in 0..plan.channels {
         let launched = energy.launched[c];
         if launched > 0.0 {
-            let sum: f64 = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum();
-            for share in &mut energy.fractions {
-                share[c] /= launched;
-            }
-            // What the balance misses is an error that is known.
-            energy.error[c] = (energy.error[c] / launched).max((sum / launched - 1.0).abs());
+            energy.fractions.iter_mut().for_each(|share| share[c] /= launched);
+            energy.error[c] /= launched;
+            energy.imbalance[c] = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum::<f64>() - 1.0;
         } else {
             energy.fractions.iter_mut().for_each(|share| share[c] = 0.0);
             energy.error[c] = 0.0;
@@ -325,14 +301,15 @@ pub fn relative_error(
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
         let mut values: Vec<f32> = moments.mean.par_iter().map(|m| *m as f32).collect();
+        let mut errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
         if !shot.fluence.mean.is_empty() && plan.settings.fluence {
             let found = match order0 {
                 Some(found) => found,
-                none => none.insert(direct(plan, views, device, control)?),
+                none => none.insert(single(plan, control)?),
             };
             values.par_iter_mut().zip(&found.fluence).for_each(|(value, order0)| *value += order0);
+            errors.par_iter_mut().zip(&found.fluence_error).for_each(|(error, order0)| *error = error.hypot(*order0));
         }
-        let errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
         return Ok(pixel_error::relative(&values, &errors, None, channels));
     }
     let camera = &plan.scene.camera;

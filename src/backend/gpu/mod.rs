@@ -18,7 +18,6 @@ pub mod path;
 pub mod probe;
 pub mod scene;
 pub mod shoot;
-pub mod single;
 pub mod sources;
 pub mod tally;
 pub mod tracker;

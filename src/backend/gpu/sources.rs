@@ -84,7 +84,6 @@ shaders! {
     "march_linear"
     "march_nearest"
     "march_voxels"
-    "near"
     "near_lights"
     "near_none"
     "path"
@@ -108,7 +107,6 @@ shaders! {
     "score_nothing"
     "shoot"
     "shoot_one"
-    "single"
     "skip_blocks"
     "skip_none"
     "source0_none"
@@ -178,8 +176,6 @@ const GLOWS: &str = "glow_linear | glow_nearest";
 
 /// The kernels: what each holds besides, one choice from each row. The first file holds `main`.
 pub const KERNELS: &[&[&str]] = &[
-    &["single light"],
-    &["near light"],
     &[
         "shoot flights flight_state weights_grey face eye roulette photons counters tally deposit harmonics start",
         "flights_cells | flights_one",

@@ -412,6 +412,7 @@ fn passes<const C: usize>(rays: &Rays, taker: &impl Passes<C>, control: &Control
         photons: taken,
         collisions,
         batches: done,
+        degrees_of_freedom: done.saturating_sub(1),
         stopped,
         warnings,
         ..Outcome::default()

@@ -258,9 +258,9 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         .map(|i| Inputs { b: [i.b[0], i.b[1], i.b[2], if i.w[0] % 2 == 0 { 1e30 } else { 3.0 * top * i.b[3] }], ..*i })
         .collect();
     let (density, lookup) = match (volume.is_constant(), volume.linear()) {
-        (true, _) => ("density_constant", ["density_at", "density_read", "density_maximum", "column"]),
-        (_, true) => ("lookup_linear", ["value_at", "one_read", "maximum", "integral"]),
-        (_, false) => ("lookup_nearest", ["value_at", "one_read", "maximum", "integral"]),
+        (true, _) => ("density_constant", ["density_at", "density_read", "column"]),
+        (_, true) => ("lookup_linear", ["value_at", "one_read", "integral"]),
+        (_, false) => ("lookup_nearest", ["value_at", "one_read", "integral"]),
     };
     let size = f64::from(top);
     let voxel = move |i: &Inputs| -> [i32; 3] { std::array::from_fn(|a| (i.a[a] as i32).clamp(0, n[a] - 1)) };
@@ -278,10 +278,8 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
             .single(8.0, move |i| about(size, [field.at(i.p())])),
         Twin::new(density, lookup[1], "return vec4(density_read(a.xyz, w.x));", inputs.clone())
             .single(2.0, move |i| relative([field.one_read(i.p(), i.w[0])])),
-        Twin::new(density, lookup[2], "return vec4(density_maximum(voxel_of(a.xyz)));", inputs.clone())
-            .single(2.0, move |i| relative([field.maximum(voxel(i))])),
         // Up to twelve pieces, each with ends that are as sure as the way to them is long.
-        Twin::new(density, lookup[3], "return vec4(column(a.xyz, b.xyz, a.w, b.w));", columns).single(16.0, move |i| {
+        Twin::new(density, lookup[2], "return vec4(column(a.xyz, b.xyz, a.w, b.w));", columns).single(16.0, move |i| {
             about(size * f64::from(1.0 + i.a[3]), [field.column_up_to(i.p(), i.v(), i.a[3], i.b[3])])
         }),
     ];

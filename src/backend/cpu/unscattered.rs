@@ -1,0 +1,267 @@
+//! Unscattered light of points, of parallel light and of beams: what it leaves in the voxels and in the energy balance, by
+//! light rays that cross the whole box and whose light is followed exactly through each voxel.
+//!
+//! Rays are dealt out in [`REPLICATES`] lattices of random shift. The mean over these is the value, their scatter its
+//! standard error (Student's t with [`REPLICATES`] - 1 degrees of freedom).
+
+mod aim;
+mod tally;
+mod walk;
+
+use super::shoot::LocalEye;
+use crate::backend::Control;
+use crate::error::{Error, Result};
+use crate::physics::Phase;
+use crate::physics::lattice::Lattice;
+use crate::physics::rng::{split, uniform64, words};
+use crate::plan::REPLICATES;
+use crate::scene::field::V3;
+use crate::scene::{Albedo, Scene};
+use crate::tally::Moments;
+use rayon::prelude::*;
+use tally::{Sums, Units, WHOLE, exponent, power_of_2};
+
+pub use aim::Aim;
+pub use walk::{Fate, Matter, Stay, Way};
+
+/// The purpose of the random numbers that shift them.
+const SHIFT: u32 = 10;
+/// Voxels that the rays of an energy balance may cross, all together: where photons sample all but what passes unscattered,
+/// and where nothing else says what collides.
+const CROSSED: [f64; 2] = [1e6, 2e6];
+
+/// What of a light's means over voxels is wanted.
+#[derive(Clone, Copy, Default)]
+pub struct Wanted<'a> {
+    /// The fluence.
+    pub fluence: bool,
+    /// What is absorbed, where the albedo is constant all that collides.
+    pub absorbed: bool,
+    /// The fluence weighted by the phase function of its direction and that to an eye.
+    pub seen: Option<(&'a Phase, LocalEye)>,
+}
+
+/// Means over voxels by extinction, and their spread, for a light of value 1; those that were wanted. Each voxel has a unit
+/// of its own, so that no light is too weak for single precision.
+pub struct Means {
+    /// The fluence.
+    pub fluence: Option<Moments>,
+    /// Absorbed power density.
+    pub absorbed: Option<Moments>,
+    /// The fluence weighted by the phase function.
+    pub seen: Option<Moments>,
+    units: Units,
+    scales: [f64; 3],
+}
+
+impl Means {
+    /// The units that the three are given in, in a voxel.
+    pub fn units(&self, cell: [usize; 3]) -> [f64; 3] {
+        let unit = power_of_2(WHOLE) / self.units.of(cell.map(|c| c as i32));
+        self.scales.map(|scale| unit / scale)
+    }
+}
+
+/// Where the light that the box receives of a light of value 1 goes, by channel.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Balance {
+    /// What leaves the box unscattered.
+    pub through: [f64; 3],
+    /// Its standard error.
+    pub error: [f64; 3],
+    /// What its first collision absorbs.
+    pub absorbed: [f64; 3],
+    /// What its first collision scatters.
+    pub scattered: [f64; 3],
+}
+
+/// The shift of a replicate's lattice: one for the energy balance, one for the voxels.
+fn shift(seed: u64, light: usize, replicate: u64, voxels: bool) -> [f64; 2] {
+    let words = words(split(seed), split(light as u64 * REPLICATES + replicate), u32::from(voxels), SHIFT);
+    [uniform64(words[0]), uniform64(words[1])]
+}
+
+/// What a light leaves in the voxels, by rays of a lattice in each cell of a plane.
+pub fn means<const K: usize>(
+    scene: &Scene,
+    (light, aim): (usize, &Aim),
+    lattice: Lattice,
+    seed: u64,
+    wanted: Wanted,
+    control: &Control,
+) -> Result<Means> {
+    let volume = &scene.medium.volume;
+    let matter = Matter::<K>::new(scene);
+    let values = volume.voxels() * K;
+    let h = volume.spacing();
+    let units = Units::new(volume, aim.source);
+    // Of light that fluence bounds, a voxel absorbs and sends to the eye at most so much.
+    let absorbing = scene.medium.max_sigma_t().min(h.iter().map(|h| 1.0 / h).sum()).max(1e-300);
+    let sent = wanted.seen.map_or(1.0, |(phase, _)| brightest(phase));
+    let scales = [1.0, absorbing, sent].map(|most| power_of_2(-exponent(most) - 1));
+    let exists = [wanted.fluence, wanted.absorbed, wanted.seen.is_some()];
+    let tallies = exists.iter().filter(|&&exists| exists).count();
+    let sums = exists.map(|exists| exists.then(|| Sums::new(values, tallies)));
+    let mut moments = exists.map(|exists| exists.then(|| Moments::new(values)));
+    let (rows, per_volume) = (aim.rows(), 1.0 / volume.voxel_volume());
+    let n = volume.n();
+    let single = h.map(|h| h as f32);
+    for replicate in 0..REPLICATES {
+        let shift = shift(seed, light, replicate, true);
+        rows.par_iter().for_each(|row| {
+            if control.stopped() {
+                return;
+            }
+            aim.over_row(row, lattice, shift, &mut |way: &Way, flux: f64| {
+                let flux = flux * per_volume;
+                matter.walk(way, |cell, stay| {
+                    let at = (cell[2] as usize * n[1] + cell[1] as usize) * n[0] + cell[0] as usize;
+                    let scale = flux * units.of(cell);
+                    let add = |sums: &Sums, values: &[f64; K], scale: f64| {
+                        (0..K).for_each(|c| sums.add(at * K + c, values[c] * scale));
+                    };
+                    if let Some(sums) = &sums[0] {
+                        add(sums, &stay.path, scale * scales[0]);
+                    }
+                    if let Some(sums) = &sums[1] {
+                        add(sums, &stay.absorbed, scale * scales[1]);
+                    }
+                    if let (Some(sums), Some((phase, eye))) = (&sums[2], &wanted.seen) {
+                        let toward = eye.from(cell.map(|c| c as f32 + 0.5), single);
+                        let direction: V3 = std::array::from_fn(|a| (way.v[a] * h[a]) as f32);
+                        add(sums, &stay.path, scale * scales[2] * f64::from(phase.pdf(cosine(toward, direction))));
+                    }
+                });
+            });
+        });
+        if control.stopped() {
+            return Err(Error::Interrupted);
+        }
+        for (sums, moments) in sums.iter().zip(&mut moments) {
+            let (Some(sums), Some(moments)) = (sums, moments) else { continue };
+            sums.check()?;
+            let row = n[0] * K;
+            let parts = moments.mean.par_chunks_mut(row).zip(moments.m2.par_chunks_mut(row)).enumerate();
+            parts.for_each_init(
+                || vec![0.0; row],
+                |found, (at, (mean, m2))| {
+                    sums.take(at * row, found);
+                    found.iter_mut().for_each(|value| *value *= power_of_2(-WHOLE));
+                    Moments::update(mean, m2, replicate + 1, found);
+                },
+            );
+        }
+    }
+    let [fluence, absorbed, seen] = moments;
+    Ok(Means { fluence, absorbed, seen, units, scales })
+}
+
+/// About the largest value of a phase function.
+fn brightest(phase: &Phase) -> f64 {
+    (0..=256).map(|i| f64::from(phase.pdf(i as f32 / 128.0 - 1.0))).fold(0.0, f64::max)
+}
+
+/// Where the light that the box receives of a light of value 1 goes, `quiet` if nothing else says what collides of it.
+pub fn balance(scene: &Scene, (light, aim): (usize, &Aim), seed: u64, quiet: bool) -> Balance {
+    if scene.medium.is_chromatic() {
+        balance_of::<3>(scene, (light, aim), seed, quiet)
+    } else {
+        balance_of::<1>(scene, (light, aim), seed, quiet)
+    }
+}
+
+fn balance_of<const K: usize>(scene: &Scene, (light, aim): (usize, &Aim), seed: u64, quiet: bool) -> Balance {
+    let matter = Matter::<K>::new(scene);
+    let across: usize = scene.medium.volume.n().iter().sum();
+    let replicates: Vec<Fate<K>> = (0..REPLICATES)
+        .into_par_iter()
+        .map(|replicate| {
+            let rays = CROSSED[usize::from(quiet)] / (REPLICATES as f64 * 0.5 * across as f64);
+            let mut sum = Fate::ZERO;
+            aim.over_faces(rays.clamp(300.0, 30_000.0), shift(seed, light, replicate, false), |way, flux| {
+                let fate = if quiet { matter.fate(way) } else { matter.passage(way) };
+                sum.add(&fate, flux);
+            });
+            sum
+        })
+        .collect();
+    let k = REPLICATES as f64;
+    let mut mean = Fate::<K>::ZERO;
+    replicates.iter().for_each(|fate| mean.add(fate, 1.0 / k));
+    let spread = |c: usize| replicates.iter().map(|fate| (fate.through[c] - mean.through[c]).powi(2)).sum::<f64>();
+    let error: [f64; K] = std::array::from_fn(|c| (spread(c) / (k * (k - 1.0))).sqrt());
+    Balance::of(scene, &mean, error)
+}
+
+impl Balance {
+    /// That of a beam; `None` if it misses the box.
+    pub fn of_beam(scene: &Scene, position: [f64; 3], direction: [f64; 3]) -> Option<Self> {
+        let way = beam(scene, position, direction)?;
+        Some(if scene.medium.is_chromatic() {
+            Balance::of(scene, &Matter::<3>::new(scene).fate(&way), [0.0; 3])
+        } else {
+            Balance::of(scene, &Matter::<1>::new(scene).fate(&way), [0.0])
+        })
+    }
+
+    /// By channel, from what becomes of the light by extinction.
+    fn of<const K: usize>(scene: &Scene, fate: &Fate<K>, error: [f64; K]) -> Self {
+        let coalbedo = coalbedo(scene);
+        let by = |values: &[f64; K], c: usize| values[c % K];
+        Balance {
+            through: std::array::from_fn(|c| by(&fate.through, c)),
+            error: std::array::from_fn(|c| by(&error, c)),
+            absorbed: std::array::from_fn(|c| by(&fate.absorbed, c) * coalbedo[c]),
+            scattered: std::array::from_fn(|c| by(&fate.scattered, c) + by(&fate.absorbed, c) * (1.0 - coalbedo[c])),
+        }
+    }
+}
+
+/// 1 - albedo where that is constant; 1 where rays find what is absorbed.
+pub fn coalbedo(scene: &Scene) -> [f64; 3] {
+    match scene.medium.albedo {
+        Albedo::Constant(albedo) => albedo.rgb.map(|a| 1.0 - a),
+        Albedo::PerVoxel(_) => [1.0; 3],
+    }
+}
+
+/// The way of a pencil beam through the box; `None` if it misses.
+pub fn beam(scene: &Scene, position: [f64; 3], direction: [f64; 3]) -> Option<Way> {
+    let volume = &scene.medium.volume;
+    let (h, n) = (volume.spacing(), volume.n());
+    let start = volume.local(position);
+    let p: [f64; 3] = std::array::from_fn(|a| start[a] / h[a]);
+    let v: [f64; 3] = std::array::from_fn(|a| direction[a] / h[a]);
+    let (enter, leave) = super::track::enter(p, v, n.map(|m| m as i32))?;
+    let p = std::array::from_fn(|a| (p[a] + v[a] * enter).clamp(0.0, n[a] as f64));
+    Some(Way { p, v, length: leave - enter })
+}
+
+/// What a pencil beam of power 1 leaves in the voxels: `leave(cell, path, absorbed)`, by channel.
+pub fn over_beam(
+    scene: &Scene,
+    position: [f64; 3],
+    direction: [f64; 3],
+    leave: impl FnMut([usize; 3], [f64; 3], [f64; 3]),
+) {
+    let Some(way) = beam(scene, position, direction) else { return };
+    if scene.medium.is_chromatic() {
+        over_way::<3>(scene, &way, leave);
+    } else {
+        over_way::<1>(scene, &way, leave);
+    }
+}
+
+fn over_way<const K: usize>(scene: &Scene, way: &Way, mut leave: impl FnMut([usize; 3], [f64; 3], [f64; 3])) {
+    let coalbedo = coalbedo(scene);
+    Matter::<K>::new(scene).walk(way, |cell, stay| {
+        let absorbed = std::array::from_fn(|c| stay.absorbed[c % K] * coalbedo[c]);
+        leave(cell.map(|c| c as usize), std::array::from_fn(|c| stay.path[c % K]), absorbed);
+    });
+}
+
+/// The cosine between two unit vectors.
+#[inline(always)]
+pub fn cosine(a: V3, b: V3) -> f32 {
+    (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).clamp(-1.0, 1.0)
+}
