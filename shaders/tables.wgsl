@@ -28,7 +28,8 @@ struct Scene {
     seed: vec2<u32>,
     // Column density behind which it is dark in all channels.
     enough: f32,
-    spare: u32,
+    // 1 / the largest density.
+    per_density: f32,
 }
 
 @group(0) @binding(0) var<uniform> scene: Scene;

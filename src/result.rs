@@ -107,6 +107,8 @@ pub struct Outcome {
     pub fluence: Option<(Vec<f32>, Vec<f32>)>,
     /// Reflected radiance towards the eye and its standard error.
     pub radiance: Option<(Vec<f32>, Vec<f32>)>,
+    /// Absorbed power density and its standard error, where it is not the fluence times a coefficient.
+    pub absorbed: Option<(Vec<f32>, Vec<f32>)>,
     /// In-scattered radiance J of incident orders >= 1.
     pub source: Option<Vec<f32>>,
     /// J of incident order 0 of lights without a deterministic order 1.

@@ -13,8 +13,17 @@ from ._errors import SceneError
 if TYPE_CHECKING:
     from ._result import Result
 
-MEANS = ("fluence", "radiance", "source", "source0", "subvolumes", "order1", "order2")
-ERRORS = ("fluence_error", "radiance_error", "error")
+MEANS = (
+    "fluence",
+    "radiance",
+    "absorbed",
+    "source",
+    "source0",
+    "subvolumes",
+    "order1",
+    "order2",
+)
+ERRORS = ("fluence_error", "radiance_error", "absorbed_error", "error")
 SAME_SETTINGS = ("max_scatterings", "errors", "outputs", "over_voxels")
 COUNTS = ("photons", "collisions", "batches")
 

@@ -92,13 +92,17 @@ class Result:
 
     @property
     def absorbed(self) -> np.ndarray:
-        """Absorbed power density sigma_a Phi [W/length^3]; computed at each access."""
-        return self._sigma_a() * self.fluence
+        """Absorbed power density, the mean of sigma_a Phi over each voxel [W/length^3].
+
+        Where sigma_a varies within voxels (interpolation="linear") it is found by itself, else it
+        is sigma_a times `fluence`, computed at each access.
+        """
+        return self._absorbed()
 
     @property
     def absorbed_error(self) -> np.ndarray:
-        """Standard error of `absorbed` [W/length^3]; computed at each access."""
-        return self._sigma_a() * self.fluence_error
+        """Standard error of `absorbed` [W/length^3]."""
+        return self._absorbed("_error")
 
     # Images
 
@@ -275,11 +279,17 @@ class Result:
 
     # What the above is made of
 
-    def _voxels(self, name: str, suffix: str = "") -> np.ndarray:
+    def _absorbed(self, suffix: str = "") -> np.ndarray:
+        if self._data.get("absorbed") is not None:
+            return self._voxels("absorbed", suffix, "fluence")
+        return self._sigma_a() * self._voxels("fluence", suffix)
+
+    def _voxels(self, name: str, suffix: str = "", output: str | None = None) -> np.ndarray:
+        """The array of a name, which comes with an output: that of its name unless given."""
         self._need_voxels(name)
         outputs = self._settings["outputs"]
-        if name not in outputs:
-            raise missing(name, outputs)
+        if (output or name) not in outputs:
+            raise missing(output or name, outputs)
         if suffix:
             self._need_errors()
         view = self._found(self._data, name + suffix).view()

@@ -20,6 +20,8 @@ pub struct Single {
     pub fluence: Vec<f32>,
     /// J towards the eye, where the radiance of voxels is wanted.
     pub source: Vec<f32>,
+    /// Absorbed power density, where that is found by itself.
+    pub absorbed: Vec<f32>,
     /// Power that collides of lights that shoot no photons, by light and channel: (absorbed, scattered).
     pub collided: Vec<[[f64; 3]; 2]>,
 }
@@ -52,6 +54,7 @@ fn single_on(plan: &Plan, views: &[Option<Illumination>], device: &Device, contr
     let mut sum = Single {
         fluence: vec![0.0; if plan.settings.fluence { values } else { 0 }],
         source: vec![0.0; if plan.settings.radiance { values } else { 0 }],
+        absorbed: vec![0.0; if plan.finds_absorbed() { values } else { 0 }],
         collided: vec![[[0.0; 3]; 2]; plan.scene.lights.len()],
     };
     let lights: Vec<Lit> = plan
@@ -80,7 +83,8 @@ fn single_on(plan: &Plan, views: &[Option<Illumination>], device: &Device, contr
         }
         #[cfg(feature = "gpu")]
         Device::Gpu(gpu) => {
-            let mut quadratures = gpu::single::Quadratures::new(gpu, plan, &lights, quiet(plan), control)?;
+            let mut quadratures =
+                gpu::single::Quadratures::new(gpu, plan, &lights, quiet(plan) || plan.finds_absorbed(), control)?;
             while let Some(rows) = quadratures.next_rows(control)? {
                 sum.add(plan, &lights, rows, |at, cell| quadratures.of(at, cell), control);
             }
@@ -127,14 +131,17 @@ impl Single {
         let row = n[0] * channels;
         let part = rows.start * row..rows.end * row;
         let fluence = self.fluence.get_mut(part.clone()).unwrap_or_default();
+        let absorbed = self.absorbed.get_mut(part.clone()).unwrap_or_default();
         let source = if plan.wants_source() { self.source.get_mut(part).unwrap_or_default() } else { &mut [] };
         let mut fluence_rows: Vec<Option<&mut [f32]>> = pad(fluence.chunks_mut(row), rows.len());
         let mut source_rows: Vec<Option<&mut [f32]>> = pad(source.chunks_mut(row), rows.len());
+        let mut absorbed_rows: Vec<Option<&mut [f32]>> = pad(absorbed.chunks_mut(row), rows.len());
         let sums: Vec<Vec<[[f64; 3]; 2]>> = fluence_rows
             .par_iter_mut()
             .zip(source_rows.par_iter_mut())
+            .zip(absorbed_rows.par_iter_mut())
             .zip(rows)
-            .map(|((fluence, source), at)| {
+            .map(|(((fluence, source), absorbed), at)| {
                 let mut sums = vec![[[0.0f64; 3]; 2]; if quiet { scene.lights.len() } else { 0 }];
                 if control.stopped() {
                     return sums;
@@ -152,13 +159,18 @@ impl Single {
                             let p = scene.medium.phase.pdf(cosine(toward, lit.view.incident(centre).direction));
                             (0..channels).for_each(|c| row[i * channels + c] += phi[c] * p);
                         }
-                        if quiet {
+                        if quiet || absorbed.is_some() {
                             let albedo = albedo_of(scene, at * n[0] + i);
                             for c in 0..3 {
-                                let power =
-                                    scene.medium.extinction.rgb[c] * f64::from(collisions[c]) * volume.voxel_volume();
-                                sums[lit.light][0][c] += power * (1.0 - albedo[c]);
-                                sums[lit.light][1][c] += power * albedo[c];
+                                let density = scene.medium.extinction.rgb[c] * f64::from(collisions[c]);
+                                if let Some(row) = absorbed.as_mut().filter(|_| c < channels) {
+                                    row[i * channels + c] += (density * (1.0 - albedo[c])) as f32;
+                                }
+                                if let Some([lost, kept]) = sums.get_mut(lit.light) {
+                                    let power = density * volume.voxel_volume();
+                                    lost[c] += power * (1.0 - albedo[c]);
+                                    kept[c] += power * albedo[c];
+                                }
                             }
                         }
                     }

@@ -305,7 +305,8 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     description.set_item("photons", outcome.photons)?;
     description.set_item("batches", outcome.batches)?;
     out.set_item("plan", description)?;
-    for (name, pair) in [("fluence", outcome.fluence), ("radiance", outcome.radiance)] {
+    let voxels = [("fluence", outcome.fluence), ("radiance", outcome.radiance), ("absorbed", outcome.absorbed)];
+    for (name, pair) in voxels {
         if let Some((mean, error)) = pair {
             out.set_item(name, array(py, mean, &shape, channels, 1)?)?;
             out.set_item(format!("{name}_error"), array(py, error, &shape, channels, 1)?)?;

@@ -127,6 +127,16 @@ impl<'a> Medium<'a> {
         Medium { emission, ..self }
     }
 
+    /// Whether the absorption coefficient varies within voxels: what is absorbed in one is then not its mean fluence times
+    /// the coefficient at its centre.
+    pub fn absorbs_unevenly(&self) -> bool {
+        let varies = match self.albedo {
+            Albedo::Constant(a) => !self.volume.is_constant() && a.rgb.iter().any(|&a| a < 1.0),
+            Albedo::PerVoxel(_) => true,
+        };
+        varies && self.volume.linear() && self.max_sigma_t() > 0.0
+    }
+
     /// Whether a coefficient was given as RGB.
     pub fn is_rgb(&self) -> bool {
         self.extinction.is_rgb

@@ -447,7 +447,7 @@ pub fn beams(scene: &Scene, camera: &Camera, channels: usize) -> Option<Vec<f32>
         let Light::Pencil { position, direction, power } = light else { continue };
         let source = source.get_or_insert_with(|| vec![0.0; volume.voxels() * channels]);
         let along = direction.map(|c| c as f32);
-        beam(scene, *position, *direction, |voxel, length| {
+        beam(scene, *position, *direction, |voxel, _, _, length| {
             let centre = [voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])].map(|c| c as f32 + 0.5);
             let to_eye = eye.from(centre, h);
             let cos_theta = (0..3).map(|a| to_eye[a] * along[a]).sum::<f32>().clamp(-1.0, 1.0);

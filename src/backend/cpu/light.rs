@@ -348,7 +348,7 @@ pub fn beam(
     scene: &Scene,
     position: [f64; 3],
     direction: [f64; 3],
-    mut deposit: impl FnMut(usize, [f64; 3]),
+    mut deposit: impl FnMut(usize, V3, f64, [f64; 3]),
 ) -> Option<f64> {
     let volume = &scene.medium.volume;
     let field = Field::density(volume);
@@ -365,10 +365,13 @@ pub fn beam(
                 let step = (stop - t) / parts as f32;
                 let start = t + step * part as f32;
                 let voxel = cells.cell.map(|c| c / 2);
-                let piece = if field.linear() { field.at(along(p, v, start + 0.5 * step)) } else { field.voxel(voxel) };
-                let piece = f64::from(piece) * f64::from(step);
+                let middle = along(p, v, start + 0.5 * step);
+                let density = f64::from(if field.linear() { field.at(middle) } else { field.voxel(voxel) });
+                let piece = density * f64::from(step);
                 deposit(
                     field.index(voxel),
+                    middle,
+                    density,
                     scene.medium.extinction.rgb.map(|e| {
                         (-e * column).exp() * f64::from(step) * f64::from(mean_transmittance((e * piece) as f32))
                     }),

@@ -1,13 +1,13 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::angular::Towards;
-use super::emit::{hit_fraction, mean_density};
+use super::emit::hit_fraction;
 use super::gather::Volumes;
 use super::light::{Illumination, beam, unscattered};
 use super::pixel_error;
-use super::shoot::LocalEye;
+use super::shoot::Medium;
 use crate::backend::shot::Shot;
-use crate::backend::single::{Single, albedo_of, cosine, single};
+use crate::backend::single::{Single, cosine, single};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{Emission, Plan};
@@ -46,6 +46,21 @@ pub fn settle(
         (mean, error)
     });
 
+    let absorbed = plan.finds_absorbed().then(|| {
+        let largest = plan.largest_absorption();
+        let mut mean = direct.absorbed;
+        let mut error = vec![0.0; values];
+        if tallied {
+            let scale = |at: usize| largest[at % channels];
+            let tally = &shot.absorbed;
+            mean.par_iter_mut().zip(&tally.mean).enumerate().for_each(|(at, (m, x))| *m += (x * scale(at)) as f32);
+            error.par_iter_mut().zip(&tally.m2).enumerate().for_each(|(at, (e, m2))| {
+                *e = if scale(at) > 0.0 { scale(at) as f32 * Moments::error(*m2, count) } else { 0.0 };
+            });
+        }
+        (mean, error)
+    });
+
     // J towards the eye of the run with its error, for the voxels' radiance; and for images J, or its harmonics.
     let (mut seen, mut seen_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
     let mut source = None;
@@ -61,6 +76,7 @@ pub fn settle(
     }
     shot.fluence = Moments::default();
     shot.source = Moments::default();
+    shot.absorbed = Moments::default();
 
     let radiance = plan.settings.radiance.then(|| {
         let mut mean = direct.source;
@@ -101,6 +117,7 @@ pub fn settle(
         pixels: None,
         fluence,
         radiance,
+        absorbed,
         source,
         source0,
         subvolumes,
@@ -164,19 +181,17 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control:
     let scene = plan.scene;
     let volume = &scene.medium.volume;
     let (channels, n) = (plan.channels, volume.n());
-    let h = volume.spacing().map(|c| c as f32);
-    let eye = LocalEye::new(scene, &scene.camera);
+    let medium = Medium::new(plan.scene);
     let wants_source = plan.settings.radiance && plan.wants_source();
     let mut found = single(plan, views, device, control)?;
     for (l, light) in scene.lights.iter().enumerate() {
         let Light::Pencil { position, direction, power } = light else { continue };
         let cubic = volume.voxel_volume();
-        beam(scene, *position, *direction, |voxel, length| {
+        beam(scene, *position, *direction, |voxel, p, density, length| {
             let (i, j, k) = (voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1]));
             let centre = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
-            let p = scene.medium.phase.pdf(cosine(eye.from(centre, h), direction.map(|c| c as f32)));
-            let density = f64::from(mean_density(volume, [i, j, k]));
-            let albedo = albedo_of(scene, voxel);
+            let seen = scene.medium.phase.pdf(cosine(medium.eye.from(centre, medium.h), direction.map(|c| c as f32)));
+            let albedo = medium.albedo_at(p);
             for c in 0..3 {
                 let phi = power.rgb[c] * length[c] / cubic;
                 if c < channels {
@@ -185,12 +200,15 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control:
                         *x += phi as f32;
                     }
                     if let Some(x) = found.source.get_mut(at).filter(|_| wants_source) {
-                        *x += phi as f32 * p;
+                        *x += phi as f32 * seen;
                     }
                 }
-                let power = density * scene.medium.extinction.rgb[c] * phi * cubic;
-                found.collided[l][0][c] += power * (1.0 - albedo[c]);
-                found.collided[l][1][c] += power * albedo[c];
+                let power = density * scene.medium.extinction.rgb[c] * phi;
+                if let Some(x) = found.absorbed.get_mut(voxel * channels + c).filter(|_| c < channels) {
+                    *x += (power * (1.0 - albedo[c])) as f32;
+                }
+                found.collided[l][0][c] += power * (1.0 - albedo[c]) * cubic;
+                found.collided[l][1][c] += power * albedo[c] * cubic;
             }
         });
     }
@@ -242,7 +260,7 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
                 (0.0, through, error)
             }
             (Light::Pencil { position, direction, .. }, _, _) => {
-                match (beam(scene, *position, *direction, |_, _| {}), how.emission) {
+                match (beam(scene, *position, *direction, |_, _, _, _| {}), how.emission) {
                     (None, _) => (beamed, [0.0; 3], 0.0),
                     (Some(_), Emission::AtLight) => (0.0, [0.0; 3], 0.0),
                     (Some(column), _) => (0.0, scene.medium.extinction.rgb.map(|e| (-e * column).exp()), 0.0),
