@@ -36,27 +36,27 @@ pub fn settle(
     let count = shot.batches;
     let tallied = !plan.layers.is_empty() && count > 0;
 
-    let fluence = plan.settings.fluence.then(|| {
-        let mut mean = direct.fluence;
-        let mut error = vec![0.0; values];
-        if tallied {
-            mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m += *x as f32);
-            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
-        }
-        (mean, error)
-    });
-
     let absorbed = plan.finds_absorbed().then(|| {
         let largest = plan.largest_absorption();
         let mut mean = direct.absorbed;
         let mut error = vec![0.0; values];
         if tallied {
             let scale = |at: usize| largest[at % channels];
-            let tally = &shot.absorbed;
+            let tally = std::mem::take(&mut shot.absorbed);
             mean.par_iter_mut().zip(&tally.mean).enumerate().for_each(|(at, (m, x))| *m += (x * scale(at)) as f32);
             error.par_iter_mut().zip(&tally.m2).enumerate().for_each(|(at, (e, m2))| {
                 *e = if scale(at) > 0.0 { scale(at) as f32 * Moments::error(*m2, count) } else { 0.0 };
             });
+        }
+        (mean, error)
+    });
+
+    let fluence = plan.settings.fluence.then(|| {
+        let mut mean = direct.fluence;
+        let mut error = vec![0.0; values];
+        if tallied {
+            mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m += *x as f32);
+            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
         }
         (mean, error)
     });
@@ -76,7 +76,6 @@ pub fn settle(
     }
     shot.fluence = Moments::default();
     shot.source = Moments::default();
-    shot.absorbed = Moments::default();
 
     let radiance = plan.settings.radiance.then(|| {
         let mut mean = direct.source;
