@@ -139,7 +139,7 @@ fn layouts() -> Vec<Layout> {
         layout!("camera", "View", gather::View,
             passing depth passing_x pixel passing_y width ahead column ahead_x row ahead_y spare),
         layout!("gather_ray", "Job", gather::Job,
-            rays samples steps begin lights pixels maps finer channels sky spare),
+            rays samples steps begin lights pixels maps finer channels sky stride),
         layout!("gather_ray", "Sums", gather::Sums, cell t next column order1 part source light over spare),
         layout!("gather_mean", "Pixel", gather::Pixel,
             order1 spare transmittance spare_too background spare_again emitted spare_at_last source),
