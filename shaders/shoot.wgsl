@@ -41,7 +41,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
                 photon.state = PAUSED;
                 if went == TENTATIVE {
                     let units = photon.weights.value * (job.unit * f.free_path);
-                    deposit(index_of(vec3<i32>(f.q)), f.q, f.d, photon.order, units, rounding(f.word.w));
+                    let voxel = index_of(vec3<i32>(f.q));
+                    deposit(voxel, f.q, f.d, photon.order, units, rounding(f.word.w));
+                    if absorbs(photon.order) {
+                        let density = density_read(f.q, f.word.y);
+                        deposit_absorbed(voxel, f.q, density, units, rounding(f.word.w));
+                    }
                     photon.state = select(FLIGHT, HITS, accept(&f));
                 } else if went == LEFT {
                     share = ESCAPED;

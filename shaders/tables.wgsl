@@ -28,7 +28,8 @@ struct Scene {
     seed: vec2<u32>,
     // Column density behind which it is dark in all channels.
     enough: f32,
-    spare: u32,
+    // 1 / the largest density.
+    per_density: f32,
     // Of Henyey and Greenstein's phase function: g, 1 - |g|, (1 - |g|)^2, (1 - g^2) / (4 pi).
     hg: vec4<f32>,
 }

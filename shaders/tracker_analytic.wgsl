@@ -22,7 +22,11 @@ fn fly(way: ptr<function, Way>, w: ptr<function, Weights>, draws: ptr<function, 
     }
     let at = within(along(p, v, free));
     if SCORE == AT_COLLISIONS {
-        score(index_of(vec3<i32>(at)), at, unbiased(*w) / sigma_t, rounding(word.w));
+        let value = unbiased(*w) / sigma_t;
+        score(index_of(vec3<i32>(at)), at, value, rounding(word.w));
+        if scores_absorption() {
+            score_absorbed(index_of(vec3<i32>(at)), at, scene.constant, value, rounding(word.w));
+        }
     }
     (*way).p = at;
     return COLLIDED;

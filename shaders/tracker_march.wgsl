@@ -38,11 +38,16 @@ fn fly(way: ptr<function, Way>, w: ptr<function, Weights>, draws: ptr<function, 
             // With unequal extinctions the weight changes along the piece: taken at a random point of it, which is unbiased.
             var weight = *w;
             if CHANNELS > 1u {
-                let part = rounding((word.y << 16u) | (word.y >> 16u)) * (stop - t) / max(length, 1e-30);
-                let end = t + part * (exit - t);
+                let end = t + random_part(word.y) * (stop - t) / max(length, 1e-30) * (exit - t);
                 weight = survived(*w, column + scene.texel * march_piece(cells.cell, p, v, t, end));
             }
-            score(index_of(voxel), along(p, v, 0.5 * (t + stop)), unbiased(weight) * (stop - t), rounding(word.y));
+            let value = unbiased(weight) * (stop - t);
+            score(index_of(voxel), along(p, v, 0.5 * (t + stop)), value, rounding(word.y));
+            if scores_absorption() {
+                // The same point as the weight's.
+                let there = along(p, v, t + random_part(word.y) * (stop - t));
+                score_absorbed(index_of(voxel), there, density_at(there), value, rounding(word.y));
+            }
         }
         if hits {
             *w = collided(survived(*w, free / extinction));

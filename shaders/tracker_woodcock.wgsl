@@ -41,10 +41,15 @@ fn fly(way: ptr<function, Way>, w: ptr<function, Weights>, draws: ptr<function, 
             let low = vec3<f32>(c * scene.block);
             let high = vec3<f32>(min((c + 1) * scene.block, scene.n)) * (1.0 - 6e-8);
             let at = clamp(along(p, v, t), low, high);
+            let here = density_read(at, word.y);
             if how == AT_COLLISIONS {
-                score(index_of(vec3<i32>(at)), at, unbiased(*w) * (1.0 / majorant), rounding(word.w));
+                let value = unbiased(*w) * (1.0 / majorant);
+                score(index_of(vec3<i32>(at)), at, value, rounding(word.w));
+                if scores_absorption() {
+                    score_absorbed(index_of(vec3<i32>(at)), at, here, value, rounding(word.w));
+                }
             }
-            if decide(w, density_read(at, word.y) * scene.top_extinction * (1.0 / majorant), unit(word.z)) {
+            if decide(w, here * scene.top_extinction * (1.0 / majorant), unit(word.z)) {
                 (*way).p = at;
                 return COLLIDED;
             }

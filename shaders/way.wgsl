@@ -30,6 +30,11 @@ fn rounding(word: u32) -> f32 {
     return f32(word >> 8u) * (1.0 / 16777216.0);
 }
 
+// Which part of a piece a random point of it lies behind.
+fn random_part(word: u32) -> f32 {
+    return rounding((word << 16u) | (word >> 16u));
+}
+
 // The next of a sequence of words, for scores along a line.
 fn next_word(word: u32) -> u32 {
     return word * 747796405u + 2891336453u;

@@ -40,12 +40,17 @@ def scene(kind, **options):
 def replicas(kind):
     """z-scores (seeds, values) of voxels and of pixels, and their degrees of freedom."""
     reference = scene(kind, photons=2e6, seed=10**6)
-    voxels, pixels = [], []
+    voxels, absorbed, pixels = [], [], []
     for seed in range(SEEDS):
         run = scene(kind, photons=2000, seed=seed, threads=1)
         voxels.append(
             comparing.z_scores(
                 run.fluence, reference.fluence, run.fluence_error, reference.fluence_error, 0
+            ).ravel()
+        )
+        absorbed.append(
+            comparing.z_scores(
+                run.absorbed, reference.absorbed, run.absorbed_error, reference.absorbed_error, 0
             ).ravel()
         )
         pixels.append(
@@ -55,12 +60,13 @@ def replicas(kind):
         )
     return {
         "voxel": (np.array(voxels), comparing.dof(run)),
+        "absorbed": (np.array(absorbed), comparing.dof(run)),
         "pixel": (np.array(pixels), comparing.dof(run, "pixel")),
     }
 
 
 @pytest.mark.parametrize("kind", ["directional", "environment"])
-@pytest.mark.parametrize("of", ["voxel", "pixel"])
+@pytest.mark.parametrize("of", ["voxel", "absorbed", "pixel"])
 def test_z_scores_follow_students_t(of, kind):
     z, dof = replicas(kind)[of]
     assert dof >= 7
@@ -72,7 +78,7 @@ def test_z_scores_follow_students_t(of, kind):
 
 
 @pytest.mark.parametrize("kind", ["directional", "environment"])
-@pytest.mark.parametrize("of", ["voxel", "pixel"])
+@pytest.mark.parametrize("of", ["voxel", "absorbed", "pixel"])
 def test_error_bars_have_the_right_size(of, kind):
     # Each seed's mean z^2 over voxels is one sample (its voxels share photons); it is dof / (dof -
     # 2) on average. 10 %: tallies of 2000 photons are skew, which an analog walk shows as 6 to 10 %

@@ -14,6 +14,8 @@ pub struct Shot {
     pub fluence: Moments,
     /// J of all tallied orders (absent where it is the fluence over 4 pi).
     pub source: Moments,
+    /// Fluence times relative absorption, where absorption is a layer.
+    pub absorbed: Moments,
     /// J of incident order 0, summed over batches.
     pub source0: Vec<f64>,
     /// Sums of the replicates, one volume each, of J or its harmonics.
@@ -48,6 +50,7 @@ impl Shot {
         Shot {
             fluence: Moments::new(if wants_fluence { values } else { 0 }),
             source: Moments::new(if wants_source { values } else { 0 }),
+            absorbed: Moments::new(if plan.absorbed.is_some() { values } else { 0 }),
             source0: vec![0.0; if sampled0 && plan.wants_source() { values * plan.width() } else { 0 }],
             subvolumes: vec![vec![0.0; values * plan.width()]; plan.sums()],
             subvolume_batches: vec![0; plan.sums()],
@@ -101,15 +104,17 @@ pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
     }
     let fluence = pad(shot.fluence.mean.chunks_mut(BLOCK).zip(shot.fluence.m2.chunks_mut(BLOCK)), blocks);
     let source = pad(shot.source.mean.chunks_mut(BLOCK).zip(shot.source.m2.chunks_mut(BLOCK)), blocks);
+    let absorbed = pad(shot.absorbed.mean.chunks_mut(BLOCK).zip(shot.absorbed.m2.chunks_mut(BLOCK)), blocks);
     let source0 = pad(shot.source0.chunks_mut(BLOCK * width), blocks);
     let subvolume = pad(subvolume.chunks_mut(BLOCK * width), blocks);
-    drains.into_par_iter().zip(fluence).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
-        |(at, ((((mut drains, fluence), source), source0), subvolume))| {
+    drains.into_par_iter().zip(fluence).zip(absorbed).zip(source).zip(source0).zip(subvolume).enumerate().for_each(
+        |(at, (((((mut drains, fluence), absorbed), source), source0), subvolume))| {
             let len = BLOCK.min(values - at * BLOCK);
-            // Fluence, J of incident order 0, and J of all orders that images see; those that somebody wants.
-            let wanted = [fluence.is_some(), source0.is_some(), source.is_some() || subvolume.is_some()];
-            let widths = [1, width, width];
-            let mut sums = [0, 1, 2].map(|i| vec![0.0f64; if wanted[i] { len * widths[i] } else { 0 }]);
+            // Fluence, J of incident order 0, J of all orders that images see, and absorption; those that somebody wants.
+            let images = source.is_some() || subvolume.is_some();
+            let wanted = [fluence.is_some(), source0.is_some(), images, absorbed.is_some()];
+            let widths = [1, width, width, 1];
+            let mut sums = [0, 1, 2, 3].map(|i| vec![0.0f64; if wanted[i] { len * widths[i] } else { 0 }]);
             let mut units = vec![0.0f64; len * width];
             let mut any = false;
             for same in drains.chunk_by_mut(|a, b| a.0 == b.0) {
@@ -127,6 +132,7 @@ pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
                     Layer::Inner | Layer::Last => &[(0, 1.0)],
                     Layer::EyeUnscattered | Layer::HarmonicsUnscattered => &[(1, 1.0), (2, 1.0)],
                     Layer::Eye | Layer::Harmonics => &[(2, 1.0)],
+                    Layer::Absorbed => &[(3, 1.0)],
                 };
                 for &(to, factor) in goes {
                     sums[to].iter_mut().zip(units.iter()).for_each(|(sum, x)| *sum += x * (factor * scale));
@@ -134,6 +140,9 @@ pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
             }
             if let Some((mean, m2)) = fluence {
                 Moments::update(mean, m2, count, &sums[0]);
+            }
+            if let Some((mean, m2)) = absorbed {
+                Moments::update(mean, m2, count, &sums[3]);
             }
             if let Some((mean, m2)) = source {
                 match &toward {

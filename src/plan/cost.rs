@@ -28,6 +28,7 @@ pub fn memory(plan: &Plan) -> Memory {
     let grids = light_grids(plan) as u64;
     let first = plan.lights.iter().filter(|l| l.emission == Emission::FirstCollision).count() as u64;
     let wants_fluence = u64::from(plan.settings.fluence);
+    let found = wants_fluence + u64::from(plan.finds_absorbed());
     let wants_source = u64::from(plan.wants_source() && plan.paths.is_none());
     // Three sums in double precision, and a copy while a pass runs.
     let sums = if plan.paths.is_some() { 48 * pixels(plan) * plan.channels as u64 } else { 0 };
@@ -37,7 +38,7 @@ pub fn memory(plan: &Plan) -> Memory {
         1
     } else {
         wants_fluence + wants_source
-    };
+    } + u64::from(plan.absorbed.is_some());
     let mut parts = vec![
         ("density (input)", voxels * 4),
         ("emission (input)", voxels * 4 * plan.scene.medium.emission.as_ref().map_or(0, |e| e.channels() as u64)),
@@ -50,9 +51,13 @@ pub fn memory(plan: &Plan) -> Memory {
         ("image sums", sums),
         (
             "unscattered light",
-            if plan.judges_fluence() { values * 4 * (1 + u64::from(plan.settings.radiance)) } else { 0 },
+            if plan.judges_fluence() {
+                values * 4 * (1 + u64::from(plan.settings.radiance) + u64::from(plan.finds_absorbed()))
+            } else {
+                0
+            },
         ),
-        ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
+        ("results", values * 4 * (found * 2 + wants_source * (2 + plan.width() as u64))),
     ];
     parts.push(("unscattered light", order0_bytes(plan)));
     if plan.settings.adapter.is_some() {

@@ -20,7 +20,7 @@ pub use settings::{Adapter, Angular, Method, Settings, Simd, Tracker};
 
 use crate::error::{Result, scene_error};
 use crate::physics::harmonics::count;
-use crate::scene::Scene;
+use crate::scene::{Albedo, Scene};
 use cost::Memory;
 use explain::Explain;
 
@@ -50,6 +50,8 @@ pub enum Layer {
     HarmonicsUnscattered,
     /// Spherical harmonics of incident orders 1 to n - 1.
     Harmonics,
+    /// Fluence of all incident orders times absorption, relative to that of the densest voxel.
+    Absorbed,
 }
 
 /// The layers that an incident order is scored in: (plain, by direction), as indices into [`Plan::layers`].
@@ -86,6 +88,8 @@ pub struct Plan<'a> {
     pub harmonics: Option<usize>,
     /// Where incident orders 0, 1..n-1 and n go.
     pub routes: [Route; 3],
+    /// The layer of absorption, an index into `layers`: it takes what the fluence takes.
+    pub absorbed: Option<usize>,
     /// How paths run, for `Method::Path`.
     pub paths: Option<PathPlan>,
     /// Photons per batch; 0 if none are shot.
@@ -217,10 +221,21 @@ impl<'a> Plan<'a> {
             Method::Path => (None, None),
             _ => angular::choose(scene, settings, target_error, &mut why),
         };
-        let (layers, routes) = match method {
+        let (mut layers, routes) = match method {
             Method::Path => (Vec::new(), [(None, None); 3]),
             _ => choose_layers(scene, settings, (&lights, emits), shoots_scattered, orders, harmonics.is_some()),
         };
+        let uneven = settings.fluence && medium.absorbs_unevenly();
+        let absorbed = (uneven && routes.iter().any(|route| route.0.is_some())).then_some(layers.len());
+        layers.extend(absorbed.map(|_| Layer::Absorbed));
+        if uneven {
+            why.push(
+                "absorbed",
+                "found by itself".into(),
+                "the absorption coefficient varies within voxels: its mean with the light is not the product of means"
+                    .into(),
+            );
+        }
         let harmonics = harmonics
             .filter(|_| layers.iter().any(|layer| matches!(layer, Layer::Harmonics | Layer::HarmonicsUnscattered)));
         let photons_per_second =
@@ -287,6 +302,7 @@ impl<'a> Plan<'a> {
             layers,
             harmonics,
             routes,
+            absorbed,
             paths,
             batch_photons,
             batches,
@@ -363,6 +379,17 @@ impl<'a> Plan<'a> {
     /// Whether what is absorbed in voxels is found by itself, for it is not the fluence times a coefficient.
     pub fn finds_absorbed(&self) -> bool {
         self.settings.fluence && self.scene.medium.absorbs_unevenly()
+    }
+
+    /// The absorption coefficient of the densest voxel by channel [1/length], in multiples of which absorption is tallied;
+    /// an albedo per voxel counts as 0.
+    pub fn largest_absorption(&self) -> [f64; 3] {
+        let medium = &self.scene.medium;
+        let coalbedo = match medium.albedo {
+            Albedo::Constant(a) => a.rgb.map(|a| 1.0 - a),
+            Albedo::PerVoxel(_) => [1.0; 3],
+        };
+        std::array::from_fn(|c| medium.extinction.rgb[c] * f64::from(medium.volume.max()) * coalbedo[c])
     }
 
     /// Whether a target error is meant for pixels, not for voxels.

@@ -76,7 +76,7 @@ impl<'a> Course<'a> {
         let voids = if grid.is_some() || medium.volume.is_constant() { None } else { Voids::new(&medium.volume) };
         Course {
             field: Field::density(&medium.volume),
-            medium: Medium::new(plan),
+            medium: Medium::new(plan.scene),
             phase: &medium.phase,
             isotropic: medium.phase.is_isotropic(),
             certain,
@@ -205,7 +205,7 @@ impl Flights {
             voxel: [0; N],
             read: [0; N],
             cell: [0; N],
-            density: [0.0; N],
+            density: [course.field.constant().unwrap_or(0.0); N],
         }
     }
 
@@ -238,6 +238,17 @@ impl Flights {
             }
         }
         albedo
+    }
+
+    /// The relative absorption at the tentative collisions of some lanes, whose density has been read.
+    #[inline(always)]
+    pub fn absorption(&self, course: &Course, which: u32) -> Row<f32> {
+        let mut relative = [0.0; N];
+        for lane in bits(which) {
+            let q = [0, 1, 2].map(|a| self.q[a][lane]);
+            relative[lane] = course.medium.relative_absorption(q, self.density[lane]);
+        }
+        relative
     }
 
     /// Scatters some lanes into a new direction.

@@ -29,6 +29,8 @@ pub struct Laned<'a, const C: usize> {
     /// Order of the spherical harmonics, if the directions of flight are recorded in these.
     harmonics: Option<usize>,
     routes: [Route; 3],
+    /// The layer of absorption.
+    absorbed: Option<usize>,
 }
 
 impl<'a, const C: usize> Laned<'a, C> {
@@ -42,6 +44,7 @@ impl<'a, const C: usize> Laned<'a, C> {
             last: plan.walked_orders(),
             harmonics: plan.harmonics,
             routes: plan.routes,
+            absorbed: plan.absorbed,
         }
     }
 }
@@ -133,6 +136,9 @@ impl<F: Fn() -> bool + Sync, const C: usize> Kernel for Run<'_, '_, F, C> {
             } else {
                 lanes.flights.accept(&tables.course, dense)
             };
+            if tables.absorbed.is_some() {
+                lanes.absorb(tables, &sinks, dense);
+            }
         }
     }
 }
@@ -245,6 +251,7 @@ impl<const C: usize> Seeds<C> {
 struct Sinks<'w> {
     plain: [Option<&'w Bins>; 3],
     angular: [Option<&'w Bins>; 3],
+    absorbed: [Option<&'w Bins>; 3],
 }
 
 impl<'w> Sinks<'w> {
@@ -253,7 +260,11 @@ impl<'w> Sinks<'w> {
         let routes = [first, tables.routes[1], tables.routes[2]];
         let set = walk.set();
         let bins = |layer: Option<usize>| layer.map(|l| &walk.bins[l][set]);
-        Sinks { plain: routes.map(|r| bins(r.0)), angular: routes.map(|r| bins(r.1)) }
+        Sinks {
+            plain: routes.map(|r| bins(r.0)),
+            angular: routes.map(|r| bins(r.1)),
+            absorbed: routes.map(|r| bins(r.0.and(tables.absorbed))),
+        }
     }
 }
 
@@ -388,6 +399,19 @@ impl<const C: usize> Lanes<C> {
             let score = self.score;
             self.add(&sinks.plain, &score, scored);
         }
+    }
+
+    /// Scores what is absorbed at the tentative collisions of some lanes, whose scores and densities have been found.
+    #[inline(always)]
+    fn absorb(&mut self, tables: &Laned<C>, sinks: &Sinks, dense: u32) {
+        let relative = self.flights.absorption(&tables.course, dense);
+        let mut absorbed = self.score;
+        for c in 0..C {
+            for i in 0..N {
+                absorbed[c][i] *= relative[i];
+            }
+        }
+        self.add(&sinks.absorbed, &absorbed, dense & mask(|i| relative[i] > 0.0));
     }
 
     /// Adds the spherical harmonics of the direction of flight to the bins of each lane's voxel, times its score.

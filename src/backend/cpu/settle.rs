@@ -29,26 +29,27 @@ pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
     let count = shot.batches;
     let tallied = !plan.layers.is_empty() && count > 0;
 
+    let absorbed = plan.finds_absorbed().then(|| {
+        let largest = plan.largest_absorption();
+        let mut mean = vec![0.0; values];
+        let mut error = vec![0.0; values];
+        if tallied {
+            let scale = |at: usize| largest[at % channels];
+            let tally = std::mem::take(&mut shot.absorbed);
+            mean.par_iter_mut().zip(&tally.mean).enumerate().for_each(|(at, (m, x))| *m = (x * scale(at)) as f32);
+            error.par_iter_mut().zip(&tally.m2).enumerate().for_each(|(at, (e, m2))| {
+                *e = if scale(at) > 0.0 { scale(at) as f32 * Moments::error(*m2, count) } else { 0.0 };
+            });
+        }
+        (mean, error)
+    });
+
     let fluence = plan.settings.fluence.then(|| {
         let mut mean = vec![0.0; values];
         let mut error = vec![0.0; values];
         if tallied {
             mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m = *x as f32);
             error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
-        }
-        (mean, error)
-    });
-    let absorbed = plan.finds_absorbed().then(|| {
-        let (mut mean, mut error) = (vec![0.0; values], vec![0.0; values]);
-        if tallied {
-            let sigma_a = |at: usize| absorption(plan, at / channels)[at % channels];
-            mean.par_iter_mut().zip(&shot.fluence.mean).enumerate().for_each(|(at, (m, x))| {
-                *m = (*x * sigma_a(at)) as f32;
-            });
-            error.par_iter_mut().zip(&shot.fluence.m2).enumerate().for_each(|(at, (e, m2))| {
-                let sigma_a = sigma_a(at) as f32;
-                *e = if sigma_a > 0.0 { sigma_a * Moments::error(*m2, count) } else { 0.0 };
-            });
         }
         (mean, error)
     });
@@ -188,17 +189,6 @@ fn interleaved(sums: &[Vec<f32>], batches: &[u64]) -> Vec<f32> {
         }
     });
     means
-}
-
-/// The absorption coefficient at a voxel's centre, by channel.
-fn absorption(plan: &Plan, voxel: usize) -> [f64; 3] {
-    let medium = &plan.scene.medium;
-    let albedo = match medium.albedo {
-        Albedo::Constant(a) => a.rgb,
-        Albedo::PerVoxel(a) => [f64::from(a[voxel]); 3],
-    };
-    let density = f64::from(medium.volume.density()[voxel]);
-    std::array::from_fn(|c| (1.0 - albedo[c]) * medium.extinction.rgb[c] * density)
 }
 
 /// The energy balance: what the photons found, and of lights whose photons do not sample it what misses the box, passes

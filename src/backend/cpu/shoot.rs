@@ -209,7 +209,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
         let (plan, emitter, scale) = (walk.plan, task.emitter, task.scale);
         let phase = &plan.scene.medium.phase;
         let last = plan.walked_orders();
-        let medium = Medium::new(plan);
+        let medium = Medium::new(plan.scene);
         let colour: [f32; C] = std::array::from_fn(|c| emitter.colour[c] * scale);
         let hero = if plan.chromatic { draws.next4()[0] } else { 0 };
         let mut order = 0u32;
@@ -229,12 +229,12 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
             set: walk.set(),
             unit: walk.unit,
             route: (None, None),
+            absorbed: plan.absorbed,
+            medium: &medium,
             phase,
             harmonics: plan.harmonics,
             y: [0.0; count(MAX_ORDER)],
             direction,
-            eye: medium.eye,
-            h: medium.h,
         };
         loop {
             if !at_collision {
@@ -302,6 +302,8 @@ pub struct Medium<'a> {
     pub constant: [f32; 3],
     /// The albedo's field, where it is not.
     pub field: Option<Field<'a>>,
+    /// 1 / the largest density.
+    per_density: f32,
     /// Spacing.
     pub h: V3,
     /// Voxels per length.
@@ -311,10 +313,10 @@ pub struct Medium<'a> {
 }
 
 impl<'a> Medium<'a> {
-    /// That of the plan's scene.
+    /// That of a scene.
     #[inline(always)]
-    pub fn new(plan: &'a Plan<'a>) -> Self {
-        let medium = &plan.scene.medium;
+    pub fn new(scene: &'a Scene<'a>) -> Self {
+        let medium = &scene.medium;
         let h = medium.volume.spacing();
         let (constant, field) = match medium.albedo {
             Albedo::Constant(a) => (a.rgb.map(|x| x as f32), None),
@@ -323,9 +325,10 @@ impl<'a> Medium<'a> {
         Medium {
             constant,
             field,
+            per_density: 1.0 / medium.volume.max().max(1e-30),
             h: h.map(|c| c as f32),
             inverse_h: h.map(|c| (1.0 / c) as f32),
-            eye: LocalEye::new(plan.scene, &plan.scene.camera),
+            eye: LocalEye::new(scene, &scene.camera),
         }
     }
 
@@ -335,6 +338,24 @@ impl<'a> Medium<'a> {
         match &self.field {
             None => std::array::from_fn(|c| self.constant[c]),
             Some(field) => [field.one_read(p, word); C],
+        }
+    }
+
+    /// The albedo at a point.
+    pub fn albedo_at(&self, p: V3) -> [f64; 3] {
+        match &self.field {
+            None => self.constant.map(f64::from),
+            Some(field) => [f64::from(field.at(p)); 3],
+        }
+    }
+
+    /// Absorption at a point of the given density, in multiples of [`Plan::largest_absorption`].
+    #[inline(always)]
+    pub fn relative_absorption(&self, p: V3, density: f32) -> f32 {
+        let relative = density * self.per_density;
+        match &self.field {
+            None => relative,
+            Some(field) => relative * (1.0 - field.at(p)),
         }
     }
 }
@@ -381,13 +402,13 @@ struct Scores<'a> {
     set: usize,
     unit: f32,
     route: Route,
+    absorbed: Option<usize>,
+    medium: &'a Medium<'a>,
     phase: &'a Phase,
     harmonics: Option<usize>,
     /// The harmonics of the direction.
     y: [f32; count(MAX_ORDER)],
     direction: V3,
-    eye: LocalEye,
-    h: V3,
 }
 
 impl<const C: usize> Scorer<C> for Scores<'_> {
@@ -405,12 +426,26 @@ impl<const C: usize> Scorer<C> for Scores<'_> {
                 self.bins[layer][self.set].add(index * k * C + at, units, xi);
             }
         } else if let Some(layer) = self.route.1 {
-            let to_eye = self.eye.from(p, self.h);
+            let to_eye = self.medium.eye.from(p, self.medium.h);
             let cos_theta = (0..3).map(|a| to_eye[a] * self.direction[a]).sum::<f32>().clamp(-1.0, 1.0);
             let seen = self.phase.pdf(cos_theta) * self.unit;
             for c in 0..C {
                 self.bins[layer][self.set].add(index * C + c, value[c] * seen, xi);
             }
+        }
+    }
+
+    #[inline(always)]
+    fn absorbs(&self) -> bool {
+        self.absorbed.is_some() && self.route.0.is_some()
+    }
+
+    #[inline(always)]
+    fn absorb(&mut self, index: usize, p: V3, density: f32, value: [f32; C], xi: f32) {
+        let Some(layer) = self.absorbed else { return };
+        let absorbed = self.medium.relative_absorption(p, density) * self.unit;
+        for c in 0..C {
+            self.bins[layer][self.set].add(index * C + c, value[c] * absorbed, xi);
         }
     }
 }

@@ -58,6 +58,12 @@ pub enum Flight {
 pub trait Scorer<const C: usize> {
     /// Adds to the voxel `index`, around the point `p`; `xi` within [0, 1) rounds.
     fn score(&mut self, index: usize, p: V3, value: [f32; C], xi: f32);
+
+    /// Whether what is absorbed is scored too.
+    fn absorbs(&self) -> bool;
+
+    /// Adds what of the value is absorbed at a point `p` of the given density, drawn evenly from where the value is for.
+    fn absorb(&mut self, index: usize, p: V3, density: f32, value: [f32; C], xi: f32);
 }
 
 /// Takes a photon to its next collision.
@@ -72,10 +78,16 @@ fn rounding(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// Which part of a piece a random point of it lies behind.
+#[inline(always)]
+fn random_part(word: u32) -> f32 {
+    rounding(word.rotate_left(16))
+}
+
 /// Voxel by voxel along a line from t0 to t1, scoring weight times length.
 #[inline(always)]
 fn score_track<const C: usize, S: Scorer<C>>(
-    n: [i32; 3],
+    field: &Field,
     p: V3,
     v: V3,
     (t0, t1): (f32, f32),
@@ -88,15 +100,20 @@ fn score_track<const C: usize, S: Scorer<C>>(
         return;
     }
     let from = along(p, v, t0);
-    let mut cells = Dda::new(from, v, [0; 3], n);
+    let mut cells = Dda::new(from, v, [0; 3], field.n());
     let mut word = word;
     loop {
         let (axis, exit) = cells.exit();
         let stop = exit.min(end);
         if stop > t {
-            let index = ((cells.cell[2] * n[1] + cells.cell[1]) as usize) * n[0] as usize + cells.cell[0] as usize;
+            let index = field.index(cells.cell);
             word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            scorer.score(index, along(from, v, 0.5 * (t + stop)), w.map(|x| x * (stop - t)), rounding(word));
+            let value = w.map(|x| x * (stop - t));
+            scorer.score(index, along(from, v, 0.5 * (t + stop)), value, rounding(word));
+            if scorer.absorbs() {
+                let there = along(from, v, t + random_part(word) * (stop - t));
+                scorer.absorb(index, there, field.at(there), value, rounding(word));
+            }
             t = stop;
         }
         if exit >= end || !cells.advance(axis) {
@@ -193,7 +210,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                     let next = t + free * inverse;
                     if score == CellScore::Track {
                         let piece = (t, next.min(exit));
-                        score_track(self.field.n(), p, v, piece, w.get(), words[3], scorer);
+                        score_track(&self.field, p, v, piece, w.get(), words[3], scorer);
                     }
                     if next >= exit {
                         free -= (exit - t).max(0.0) * majorant;
@@ -207,11 +224,16 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                         let high = ((c[a] + 1) * self.block).min(self.field.n()[a]) as f32;
                         (p[a] + v[a] * t).clamp(low, high * (1.0 - 6e-8))
                     });
+                    let density = self.field.one_read(at, words[1]);
                     if score == CellScore::Collisions {
                         let voxel = self.field.index(at.map(|x| x as i32));
-                        scorer.score(voxel, at, w.get().map(|x| x * inverse), rounding(words[3]));
+                        let value = w.get().map(|x| x * inverse);
+                        scorer.score(voxel, at, value, rounding(words[3]));
+                        if scorer.absorbs() {
+                            scorer.absorb(voxel, at, density, value, rounding(words[3]));
+                        }
                     }
-                    let accept = self.field.one_read(at, words[1]) * self.extinction * inverse;
+                    let accept = density * self.extinction * inverse;
                     let xi = uniform(words[2]);
                     if CHROMATIC {
                         if xi <= accept * self.ratio[w.hero] {
@@ -226,7 +248,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                     free = exponential(words[0], draws);
                 }
             } else if score == CellScore::Track && exit > t {
-                score_track(self.field.n(), p, v, (t, exit), w.get(), words[3], scorer);
+                score_track(&self.field, p, v, (t, exit), w.get(), words[3], scorer);
             }
             t = t.max(exit);
             if exit >= end || !cells.advance(axis) {
@@ -296,12 +318,18 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for March<'_, CHROMATIC> 
                 let middle = along(p, v, 0.5 * (t + stop));
                 let weight = if CHROMATIC {
                     // The weight changes along the piece: taken at a random point of it, which is unbiased.
-                    let part = rounding(word.rotate_left(16)) * (stop - t) / length.max(1e-30);
+                    let part = random_part(word) * (stop - t) / length.max(1e-30);
                     self.survived(w, column + self.partial(&cells, p, v, (t, exit), part, piece)).get()
                 } else {
                     w.get()
                 };
-                scorer.score(self.field.index(voxel), middle, weight.map(|x| x * (stop - t)), rounding(word));
+                let (index, value) = (self.field.index(voxel), weight.map(|x| x * (stop - t)));
+                scorer.score(index, middle, value, rounding(word));
+                if scorer.absorbs() {
+                    // The same point as the weight's.
+                    let there = along(p, v, t + random_part(word) * (stop - t));
+                    scorer.absorb(index, there, self.field.at(there), value, rounding(word));
+                }
             }
             if let Some(at) = collision {
                 if CHROMATIC {
@@ -359,7 +387,7 @@ impl<const C: usize> Tracker<C> for Analytic<'_> {
         let free = exponential(words[0], draws) / self.sigma_t.max(1e-30);
         let stop = free.min(exit);
         if self.scores && self.score == Score::Track {
-            score_track(n, p, v, (0.0, stop), w.get(), words[3], scorer);
+            score_track(&self.field, p, v, (0.0, stop), w.get(), words[3], scorer);
         }
         if free >= exit {
             return Flight::Exit(2 * axis + usize::from(v[axis] > 0.0));
@@ -367,7 +395,11 @@ impl<const C: usize> Tracker<C> for Analytic<'_> {
         let at: V3 = std::array::from_fn(|a| (p[a] + v[a] * free).clamp(0.0, n[a] as f32 * (1.0 - 6e-8)));
         if self.scores && self.score == Score::Collisions {
             let index = self.field.index(at.map(|x| x as i32));
-            scorer.score(index, at, w.get().map(|x| x / self.sigma_t), rounding(words[3]));
+            let value = w.get().map(|x| x / self.sigma_t);
+            scorer.score(index, at, value, rounding(words[3]));
+            if scorer.absorbs() {
+                scorer.absorb(index, at, self.field.at(at), value, rounding(words[3]));
+            }
         }
         Flight::Collision(at)
     }

@@ -34,7 +34,7 @@ pub struct Constants {
     pub eye: [f32; 4],
     pub seed: [u32; 2],
     pub enough: f32,
-    pub spare: u32,
+    pub per_density: f32,
     pub hg: [f32; 4],
 }
 
@@ -170,6 +170,7 @@ fn constants(scene: &Scene) -> Constants {
         extinction: extinction.map(|e| e as f32),
         albedo: albedo.map(|a| a as f32),
         constant: volume.max(),
+        per_density: 1.0 / volume.max().max(1e-30),
         ratio: extinction.map(|e| if top > 0.0 { (e / top) as f32 } else { 0.0 }),
         eye: eye(volume, &scene.camera),
         hg: match medium.phase {

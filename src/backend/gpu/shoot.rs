@@ -225,7 +225,8 @@ impl Shooter for Shooting<'_> {
 /// The flights of a plan, with the shader that walks photons; events of a round, and loop iterations that each may take.
 fn flights(plan: &Plan) -> (Track, u32, u32) {
     let channels = plan.channels as u32;
-    let score = channels * (1 + plan.harmonics.map_or(1, |order| count(order) as u32));
+    let score =
+        channels * (1 + u32::from(plan.absorbed.is_some()) + plan.harmonics.map_or(1, |order| count(order) as u32));
     let (mut track, file, events) = if plan.lanes {
         let voxels = plan.settings.fluence || plan.settings.radiance;
         let scored = if voxels { Scored::Everywhere } else { Scored::ForImages };
@@ -277,7 +278,8 @@ fn source(plan: &Plan, scene: &GpuScene, flights: &Track, start: &Start, watched
         .with("PLAIN_LAST", first(plan.routes[2].0))
         .with("ANGULAR_FIRST", first(unscattered.1))
         .with("ANGULAR_INNER", first(plan.routes[1].1))
-        .with("ANGULAR_LAST", first(plan.routes[2].1));
+        .with("ANGULAR_LAST", first(plan.routes[2].1))
+        .with("ABSORBED_FIRST", first(plan.absorbed));
     flights.constants.iter().fold(start.set(source), |source, (name, value)| source.with(name, *value))
 }
 

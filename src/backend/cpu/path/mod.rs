@@ -277,7 +277,7 @@ fn one_by_one<'a, T: track::Tracker<C>, const C: usize>(
     let fields = |glow: &Emission<'a>| (0..glow.channels()).map(|c| glow.field(c, &medium.volume)).collect();
     let emission = emission.map_or_else(Vec::new, fields);
     let density = Field::density(&medium.volume);
-    let tracer = OneByOne { tracker, connections, medium: Medium::new(rays.plan), density, emission };
+    let tracer = OneByOne { tracker, connections, medium: Medium::new(rays.plan.scene), density, emission };
     passes::<C>(rays, &OnThreads::new(rays, tracer, connections, field), control, taken)
 }
 

@@ -21,6 +21,14 @@ struct Silent;
 impl<const C: usize> Scorer<C> for Silent {
     #[inline(always)]
     fn score(&mut self, _: usize, _: V3, _: [f32; C], _: f32) {}
+
+    #[inline(always)]
+    fn absorbs(&self) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn absorb(&mut self, _: usize, _: V3, _: f32, _: [f32; C], _: f32) {}
 }
 
 /// Paths walked one after the other by a tracker.

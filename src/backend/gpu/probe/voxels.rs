@@ -4,6 +4,7 @@ use super::super::lights::Lights;
 use super::super::scene::GpuScene;
 use super::{Bench, Inputs, Measured, Twin, about, drawn, formulas, relative, some_words};
 use crate::backend::cpu::light::Illumination;
+use crate::backend::cpu::shoot;
 use crate::error::Result;
 use crate::physics::flight::{ball_range, box_range, mean_transmittance};
 use crate::physics::rng::uniform;
@@ -326,11 +327,14 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         Albedo::PerVoxel(values) if read => [Field::new(values, volume).one_read(i.p(), i.w[0]); 3],
         Albedo::PerVoxel(values) => [Field::new(values, volume).at(i.p()); 3],
     };
+    let at_points = shoot::Medium::new(scene);
     twins.extend([
         Twin::new(albedo, "albedo_at", "return vec4(rgb(albedo_at(a.xyz)), 0.0);", inputs.clone())
             .single(8.0, move |i| about(1.0, value(i, false))),
-        Twin::new(albedo, "albedo_read", "return vec4(rgb(albedo_read(a.xyz, w.x)), 0.0);", inputs)
+        Twin::new(albedo, "albedo_read", "return vec4(rgb(albedo_read(a.xyz, w.x)), 0.0);", inputs.clone())
             .single(2.0, move |i| about(1.0, value(i, true))),
+        Twin::new(albedo, "relative_absorption", "return vec4(relative_absorption(a.xyz, a.w));", inputs)
+            .single(8.0, move |i| about(1.0, [at_points.relative_absorption(i.p(), i.a[3])])),
     ]);
     twins
 }
