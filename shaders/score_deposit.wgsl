@@ -1,8 +1,8 @@
 // Flights leave weight times length in voxels.
 
-// Adds weight times length around the point p of a voxel; xi within [0, 1) rounds.
+// Adds weight times length around the point p of a voxel; xi within (0, 1] rounds.
 fn score(voxel: u32, p: vec3<f32>, value: Spectrum, xi: f32) {
-    deposit(voxel, p, score_direction, score_order, value * job.unit, xi);
+    deposit(voxel, p, score_direction, score_order, value * spectrum(job.units), xi);
 }
 
 // Voxel by voxel along a line from t0 to t1, weight times length.

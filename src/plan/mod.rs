@@ -317,6 +317,12 @@ impl<'a> Plan<'a> {
         self.batch_photons > 0
     }
 
+    /// Whether photons tally the light that is not scattered yet: that of the sky, and of the medium itself.
+    pub fn tallies_unscattered(&self) -> bool {
+        let sampled = |l: &LightPlan| l.direct == Direct::Sampled && l.emission == Emission::AtLight;
+        self.scene.medium.emission.is_some() || self.lights.iter().any(sampled)
+    }
+
     /// Whether fluence and in-scattered radiance differ by 1 / (4 pi) only, so that one set of moments serves both.
     pub fn one_moment(&self) -> bool {
         self.scene.medium.phase.is_isotropic() && self.orders == u32::MAX

@@ -6,7 +6,7 @@ use super::gather::Volumes;
 use super::light::{Illumination, beam, unscattered};
 use super::pixel_error;
 use super::shoot::LocalEye;
-use crate::backend::shot::Shot;
+use crate::backend::shot::{Shot, per_unit};
 use crate::backend::single::{Single, albedo_of, cosine, single};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
@@ -40,8 +40,10 @@ pub fn settle(
         let mut mean = direct.fluence;
         let mut error = vec![0.0; values];
         if tallied {
-            mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m += *x as f32);
-            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
+            let unit = per_unit(plan, shot.powers);
+            let (tallied, spread) = shot.fluence.settle(&unit[..channels], count);
+            mean.par_iter_mut().zip(&tallied).for_each(|(m, x)| *m += x);
+            error = spread;
         }
         (mean, error)
     });
@@ -50,10 +52,15 @@ pub fn settle(
     let (mut seen, mut seen_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
     let mut source = None;
     if tallied && plan.wants_source() {
-        let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
+        let (moments, scale) =
+            if plan.one_moment() { (&shot.fluence, f64::from(PER_SPHERE)) } else { (&shot.source, 1.0) };
         if !moments.mean.is_empty() {
-            seen = Some(moments.mean.par_iter().map(|x| (*x as f32) * scale).collect::<Vec<f32>>());
-            seen_error.par_iter_mut().zip(&moments.m2).for_each(|(e, m2)| *e = scale * Moments::error(*m2, count));
+            let unit = per_unit(plan, shot.powers).map(|unit| unit * scale);
+            let (mean, spread) = moments.settle(&unit[..channels], count);
+            seen = Some(mean);
+            if plan.settings.radiance {
+                seen_error = spread;
+            }
         }
         if plan.settings.image && (plan.width() > 1 || seen.is_none()) {
             source = Some(mean_of_sums(&shot.subvolumes, count));
@@ -205,13 +212,13 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
     let scene = plan.scene;
     let size = scene.medium.volume.size();
     let mut energy = Energy::default();
-    let photons: f64 = shot.energies.iter().map(|e| e.2 as f64).sum();
+    let photons: f64 = shot.energies.iter().map(|e| e.1 as f64).sum();
     for c in 0..plan.channels {
         let mut totals = Vec::with_capacity(shot.energies.len());
-        for (batch, power, count) in &shot.energies {
+        for (batch, count) in &shot.energies {
             let mut total = 0.0;
             for (share, _) in Share::ALL {
-                let watts = batch.get(share, c) * power;
+                let watts = batch.get(share, c) * shot.powers[c] / *count as f64;
                 energy.fractions[share.index()][c] += watts * *count as f64 / photons;
                 total += watts;
             }
@@ -314,8 +321,9 @@ pub fn relative_error(
         } else {
             vec![0.0; moments.mean.len()]
         };
-        let values: Vec<f32> = moments.mean.par_iter().zip(&direct).map(|(m, d)| *m as f32 + d).collect();
-        let errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
+        let unit = per_unit(plan, shot.powers);
+        let (mut values, errors) = moments.settle(&unit[..channels], count);
+        values.par_iter_mut().zip(&direct).for_each(|(value, direct)| *value += direct);
         return Ok(pixel_error::relative(&values, &errors, None, channels));
     }
     let camera = &plan.scene.camera;
