@@ -171,15 +171,33 @@ impl Moments {
         }
     }
 
-    /// Means and standard errors after `count` batches, with the channel fastest, each times what a unit is.
-    pub fn settle(&self, unit: &[f64], count: u64) -> (Vec<f32>, Vec<f32>) {
+    /// Means and standard errors after `count` batches, with the channel fastest, each times what a unit is. Where nothing
+    /// was ever counted the batches do not tell the error: it is `one`, what one photon would have left there.
+    pub fn settle(&self, unit: &[f64], one: &[f64], count: u64) -> (Vec<f32>, Vec<f32>) {
         let channels = unit.len();
         let mean = self.mean.par_iter().enumerate().map(|(at, mean)| (mean * unit[at % channels]) as f32);
         let error = |(at, m2): (usize, &f32)| {
-            let unit = unit[at % channels];
-            if unit > 0.0 { (f64::from(Moments::error(*m2, count)) * unit) as f32 } else { 0.0 }
+            let c = at % channels;
+            match count {
+                _ if one[c] == 0.0 => 0.0,
+                2.. if self.is_empty(at) => one[c] as f32,
+                _ => (f64::from(Moments::error(*m2, count)) * unit[c]) as f32,
+            }
         };
         (mean.collect(), self.m2.par_iter().enumerate().map(error).collect())
+    }
+
+    /// Whether nothing was ever counted of a quantity.
+    pub fn is_empty(&self, at: usize) -> bool {
+        self.mean[at] == 0.0 && self.m2[at] == 0.0
+    }
+
+    /// The voxels of some channels of which nothing was ever counted in any, if there are such.
+    pub fn unreached(&self, channels: usize) -> Option<Vec<bool>> {
+        let voxels = self.mean.len() / channels;
+        let empty = |voxel: usize| (0..channels).all(|c| self.is_empty(voxel * channels + c));
+        let unreached: Vec<bool> = (0..voxels).into_par_iter().map(empty).collect();
+        unreached.contains(&true).then_some(unreached)
     }
 
     /// Standard error of the mean of one quantity after `count` batches; infinite where one batch tells nothing.

@@ -190,3 +190,73 @@ def test_deposits_far_below_a_unit_keep_their_mean(extinction, simd, monkeypatch
         dof=comparing.dof(result),
         relative=1e-5,
     )
+
+
+def dark_corner(**options):
+    """A thick block that a beam enters from one side: few photons reach the other."""
+    defaults = {
+        "volume": np.ones((6, 6, 40), np.float32),
+        "extinction": 1.0,
+        "albedo": 0.5,
+        "light": mcrt.PencilBeam((-1.0, 3.3, 3.2), (1, 0, 0), 1.0),
+        "photons": 2000,
+    }
+    return shine(**(defaults | options))
+
+
+def test_a_voxel_that_no_photon_reached_has_the_error_of_one():
+    few = dark_corner()
+    assert (few.fluence_error > 0).all()
+    assert (few.radiance_error > 0).all()
+    unreached = few._data["unreached"]
+    count = int(unreached.sum())
+    assert few.stats.unreached_voxels == count > 100
+    # 4 power / (photons S) with the largest albedo, for scattered light alone is sampled.
+    one = 4 * 0.5 / (few.stats.photons * 6.0)
+    np.testing.assert_allclose(few.fluence_error[unreached], one, rtol=1e-5)
+    np.testing.assert_allclose(few.radiance_error[unreached], 0.5 * one / (4 * np.pi), rtol=1e-5)
+    # More photons tell what is there: nowhere more than the error said.
+    many = dark_corner(photons=200_000, seed=3)
+    assert many.stats.unreached_voxels < count
+    assert (np.abs(many.fluence - few.fluence)[unreached] < 5 * one).all()
+
+
+def test_merged_runs_know_what_neither_reached():
+    a, b = dark_corner(), dark_corner(seed=1, photons=4000)
+    both = a + b
+    neither = a._data["unreached"] & b._data["unreached"]
+    assert both.stats.unreached_voxels == neither.sum() < b.stats.unreached_voxels
+    one = 4 * 0.5 / (6000 * 6.0)
+    assert (both.fluence_error[neither] >= one * 0.999).all()
+    assert (both.fluence_error[neither] <= one * 1.5).all()
+
+
+def test_what_is_exact_has_no_error():
+    for options in ({"albedo": 0.0}, {"max_scatterings": 0}):
+        exact = dark_corner(**options)
+        assert not exact.fluence_error.any()
+        assert exact.stats.unreached_voxels == 0
+    red = shine(light=mcrt.PointLight((-6, -9, 16), (1e3, 0.0, 0.0)))
+    assert not red.fluence_error[..., 1:].any()
+    assert red.fluence_error[..., 0].all()
+
+
+def test_a_pixel_whose_sub_volumes_hold_nothing_has_the_error_of_one_photon():
+    volume = np.zeros((6, 6, 40), np.float32)
+    volume[..., :3] = volume[..., -3:] = 1.0
+    result = dark_corner(
+        volume=volume,
+        camera=mcrt.OrthographicCamera((20, -20, 3), (20, 3, 3), width=44, resolution=(44, 8)),
+        photons=100,
+        extinction=0.02,
+    )
+    scattered, error = result.image(order="2+"), result.image_error()
+    nothing = scattered == 0
+    seen = result.alpha() > 1e-6
+    assert (nothing & seen).any()
+    assert (error[nothing & seen] > 0).all()
+    assert not error[~seen].any()
+    one = 4 * 0.5 / (100 * 6.0) * 0.5 / (4 * np.pi)
+    np.testing.assert_allclose(
+        error[nothing & seen], (result.alpha() * one)[nothing & seen], rtol=1e-4
+    )

@@ -37,6 +37,9 @@ def merge(a: "Result", b: "Result") -> dict[str, Any]:
     for name in ERRORS:
         if x.get(name) is not None:
             data[name] = _error(weights, x[name], y[name])
+    data["unreached"] = _unreached(x.get("unreached"), y.get("unreached"))
+    if x.get("one_photon") is not None:
+        data["one_photon"] = _one_photon(x["one_photon"], y["one_photon"])
     if "energy" in x:
         data["energy"] = {
             name: (_error if name == "error" else _mean)(weights, value, y["energy"][name])
@@ -91,6 +94,17 @@ def _mean(weights: tuple[float, float], a: np.ndarray, b: np.ndarray) -> np.ndar
 
 def _error(weights: tuple[float, float], a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.hypot(weights[0] * a, weights[1] * b).astype(a.dtype)
+
+
+def _unreached(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+    """The voxels that no photon of either run reached; None if there are none."""
+    return None if a is None or b is None else a & b
+
+
+def _one_photon(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """One photon's part of the photons of both runs, each being one of its own's."""
+    both = a + b
+    return np.divide(a * b, both, out=np.zeros_like(both), where=both > 0)
 
 
 def _stats(a: dict[str, Any], b: dict[str, Any]) -> dict[str, Any]:

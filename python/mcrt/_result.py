@@ -43,6 +43,15 @@ class Result:
     square root of their number. What is found without photons (orders 0 and 1 of points,
     directions and beams, emission seen directly) has no standard error; a run without photons has
     zeros, and a single batch leaves the errors unknown: infinite.
+
+    Where nothing was sampled the scatter tells nothing. In a voxel that no photon reached (in a
+    channel) the error of the fluence is what one photon would have left: the power of all photons
+    over their number, times the largest albedo of the channel if only scattered light is sampled,
+    along the mean chord 4 V / S of the voxel, that is 4 power / (photons S) with the voxel's
+    surface S; that of the radiance is albedo / (4 pi) times as much. In a pixel whose sub-volumes
+    hold nothing it is that of one photon in each voxel seen, the pixel's opacity times albedo /
+    (4 pi) times that of the fluence. A pixel of a "path" result none of whose paths found light
+    has the error zero: its light is rarer than one path in `stats.spp`.
     """
 
     def __init__(
@@ -151,8 +160,16 @@ class Result:
         `relative_error` (R, root mean square error / mean value) are those of the pixels where a
         camera was given, else of the voxels' fluence, above 5 % of the maximum, the worst channel;
         `figure_of_merit` is 1 / (R^2 T) with T the run's seconds. None where there are no errors.
+        `unreached_voxels` is the number of voxels that no photon reached, None where no values of
+        voxels are kept.
         """
         stats = Record(self._data["stats"])
+        kept = self.plan.method != "path" and {"fluence", "radiance"} & set(
+            self._settings["outputs"]
+        )
+        unreached = self._data.get("unreached")
+        count = 0 if unreached is None else int(np.count_nonzero(unreached))
+        stats["unreached_voxels"] = count if kept else None
         seconds = sum(stats.seconds.values())
         stats["photons_per_second"] = stats.photons / seconds if seconds > 0.0 else 0.0
         median, upper, rms = self._relative_errors()
@@ -341,7 +358,7 @@ class Result:
 
     def _volumes(self) -> dict[str, Any]:
         """What a gather reads."""
-        names = ("source", "source0", "subvolumes", "columns", "harmonics")
+        names = ("source", "source0", "subvolumes", "columns", "harmonics", "one_photon")
         return {
             **{name: self._data.get(name) for name in names},
             "max_scatterings": self._settings["max_scatterings"],

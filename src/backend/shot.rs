@@ -94,6 +94,36 @@ pub fn per_unit(plan: &Plan, powers: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|c| powers[c] / units[c] / plan.scene.medium.volume.voxel_volume())
 }
 
+/// The fluence that one photon leaves in a voxel that it crosses, over that of all photons, by channel: the weight
+/// [`first_weights`] of the mean photon along the voxel's mean chord, which is 4 volumes over its surface. 0 where no
+/// layer tallies it, and it is exact.
+pub fn of_one_photon(plan: &Plan, shot: &Shot) -> [f64; 3] {
+    let tallied = plan.layers.iter().any(|layer| matches!(layer, Layer::Unscattered | Layer::Inner | Layer::Last));
+    one_photon(plan, shot, tallied)
+}
+
+/// J of one photon likewise, were it to scatter into all directions alike.
+pub fn source_of_one_photon(plan: &Plan, shot: &Shot) -> [f64; 3] {
+    let isotropic = plan.scene.medium.phase.is_isotropic();
+    let seen = |layer: &Layer| match layer {
+        Layer::Unscattered => true,
+        Layer::Inner => isotropic,
+        Layer::Last => false,
+        Layer::EyeUnscattered | Layer::Eye | Layer::HarmonicsUnscattered | Layer::Harmonics => true,
+    };
+    one_photon(plan, shot, plan.layers.iter().any(seen)).map(|fluence| fluence * 0.25 * std::f64::consts::FRAC_1_PI)
+}
+
+fn one_photon(plan: &Plan, shot: &Shot, tallied: bool) -> [f64; 3] {
+    let [x, y, z] = plan.scene.medium.volume.spacing();
+    let surface = 2.0 * (x * y + y * z + z * x);
+    let weights = first_weights(plan);
+    if !tallied || shot.photons == 0 {
+        return [0.0; 3];
+    }
+    std::array::from_fn(|c| 4.0 / surface * weights[c] * shot.powers[c] / shot.photons as f64)
+}
+
 /// Ends a batch of some photons: its deposits go into the moments and one replicate.
 pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], photons: u64, shot: &mut Shot) {
     // Whole voxels, of 1 or 3 channels.

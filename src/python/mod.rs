@@ -15,10 +15,10 @@ use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
 use crate::plan::{Column, Plan, cost};
 use crate::result::{Outcome, Share, Stopped};
-use crate::scene::Camera;
 use crate::scene::field::Occupancy;
+use crate::scene::{Albedo, Camera};
 use convert::{Held, array, to_py};
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
@@ -215,6 +215,14 @@ fn gather<'py>(
     let [source, source0] = [&stored.source, &stored.source0].map(|s| s.as_ref().map(|s| s.slice()));
     let subvolumes = stored.subvolumes.as_ref().filter(|_| k > 0).map(|s| s.slice());
     let harmonics = stored.harmonics;
+    // What one photon in each voxel would add to an opaque pixel, by channel.
+    let mut one_photon = convert::optional::<Vec<f64>>(volumes, "one_photon")?.unwrap_or_default();
+    one_photon.resize(channels, 0.0);
+    let albedo = match parsed.medium.albedo {
+        Albedo::Constant(albedo) => albedo.rgb,
+        Albedo::PerVoxel(_) => [parsed.medium.max_albedo(); 3],
+    };
+    one_photon.iter_mut().zip(albedo).for_each(|(one, albedo)| *one *= albedo);
     let (picture, error, bias) = watch::run(py, None, None, |control| {
         cpu::with_threads(threads, || {
             let stop = || control.stopped();
@@ -239,8 +247,10 @@ fn gather<'py>(
                 Some(source) => {
                     let (lights, source) = (Vec::new(), Some(source));
                     let each = Volumes { scene: &parsed, occupancy, lights, source, source0: None, channels };
-                    let picture = device.image(&each, &camera, None, channels * k, false, &stop)?;
-                    Some(pixel_error::spread(&picture.order2, k).1)
+                    let spread = device.image(&each, &camera, None, channels * k, false, &stop)?.order2;
+                    let mut error = pixel_error::spread(&spread, k).1;
+                    pixel_error::unreached(&mut error, &spread, k, &picture.transmittance, &one_photon);
+                    Some(error)
                 }
                 None => None,
             };
@@ -323,6 +333,12 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         }
     }
     out.set_item("harmonics", plan.harmonics)?;
+    if let Some(unreached) = outcome.unreached {
+        out.set_item("unreached", PyArray1::from_vec(py, unreached).reshape(shape)?)?;
+    }
+    if plan.shoots() {
+        out.set_item("one_photon", PyArray1::from_slice(py, &outcome.one_photon[..channels]))?;
+    }
     if let Some(volumes) = outcome.subvolumes {
         out.set_item("subvolumes", array(py, volumes, &by_direction, channels, outcome.replicates)?)?;
     }

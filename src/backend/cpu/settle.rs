@@ -6,7 +6,7 @@ use super::gather::Volumes;
 use super::light::{Illumination, beam, unscattered};
 use super::pixel_error;
 use super::shoot::LocalEye;
-use crate::backend::shot::{Shot, per_unit};
+use crate::backend::shot::{Shot, of_one_photon, per_unit, source_of_one_photon};
 use crate::backend::single::{Single, albedo_of, cosine, single};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
@@ -41,7 +41,8 @@ pub fn settle(
         let mut error = vec![0.0; values];
         if tallied {
             let unit = per_unit(plan, shot.powers);
-            let (tallied, spread) = shot.fluence.settle(&unit[..channels], count);
+            let (tallied, spread) =
+                shot.fluence.settle(&unit[..channels], &of_one_photon(plan, &shot)[..channels], count);
             mean.par_iter_mut().zip(&tallied).for_each(|(m, x)| *m += x);
             error = spread;
         }
@@ -49,6 +50,7 @@ pub fn settle(
     });
 
     // J towards the eye of the run with its error, for the voxels' radiance; and for images J, or its harmonics.
+    let one_photon = source_of_one_photon(plan, &shot);
     let (mut seen, mut seen_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
     let mut source = None;
     if tallied && plan.wants_source() {
@@ -56,7 +58,7 @@ pub fn settle(
             if plan.one_moment() { (&shot.fluence, f64::from(PER_SPHERE)) } else { (&shot.source, 1.0) };
         if !moments.mean.is_empty() {
             let unit = per_unit(plan, shot.powers).map(|unit| unit * scale);
-            let (mean, spread) = moments.settle(&unit[..channels], count);
+            let (mean, spread) = moments.settle(&unit[..channels], &one_photon[..channels], count);
             seen = Some(mean);
             if plan.settings.radiance {
                 seen_error = spread;
@@ -66,6 +68,10 @@ pub fn settle(
             source = Some(mean_of_sums(&shot.subvolumes, count));
         }
     }
+    let unreached = {
+        let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
+        if tallied { moments.unreached(channels) } else { None }
+    };
     shot.fluence = Moments::default();
     shot.source = Moments::default();
 
@@ -112,6 +118,8 @@ pub fn settle(
         source0,
         subvolumes,
         replicates,
+        unreached,
+        one_photon,
         columns: Vec::new(),
         energy,
         photons: shot.photons,
@@ -322,7 +330,7 @@ pub fn relative_error(
             vec![0.0; moments.mean.len()]
         };
         let unit = per_unit(plan, shot.powers);
-        let (mut values, errors) = moments.settle(&unit[..channels], count);
+        let (mut values, errors) = moments.settle(&unit[..channels], &of_one_photon(plan, shot)[..channels], count);
         values.par_iter_mut().zip(&direct).for_each(|(value, direct)| *value += direct);
         return Ok(pixel_error::relative(&values, &errors, None, channels));
     }
