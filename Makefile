@@ -12,12 +12,13 @@ export PATH := $(PATH):$(HOME)/.cargo/bin
 # The comparisons with analytic truth and an independent code.
 TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular environment emission energy calibration voxel_bias path mitsuba interop mitsuba_pairs mitsuba_wrong)
 
-.PHONY: help demo test test-rust test-python bench validate fmt clean check-rust check-lint llvm vulkan
+.PHONY: help demo test test-rust test-python wheel bench validate fmt clean check-rust check-lint llvm vulkan
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo      build, simulate light in a real MRI volume, write demo/*.png"
 	@echo "make test      every test and check, Rust and Python"
+	@echo "make wheel     build dist/*.whl (on Linux for manylinux_2_17), install it afresh and run it"
 	@echo "make bench     how fast it is, as ratios measured in one run (BENCH='cube60 cloud --large': these groups, 512^3 too)"
 	@echo "make validate  the comparisons with analytic truth and with Mitsuba, one line each, hours the first time"
 	@echo "make fmt       format the Rust and Python sources"
@@ -41,6 +42,13 @@ test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/python -m mypy python/mcrt
 	$(BIN)/python -m mypy.stubtest mcrt._mcrt
 	$(BIN)/python -m pytest --nbmake tests notebooks/first_steps.ipynb
+
+# Zig links against an old glibc, whatever the machine's is.
+wheel: $(VENV)/.maturin $(VENV)/.wheel | check-rust
+	rm -rf dist
+	PATH="$(BIN):$(PATH)" $(WITH_PYTHON) $(BIN)/maturin build --release --out dist \
+	  $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux_2_17)
+	$(BIN)/python tests/wheel.py
 
 bench: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/python tests/bench/bench.py $(BENCH)
@@ -90,6 +98,11 @@ $(VENV)/.package: $(VENV)/.maturin $(RUST) | check-rust
 
 $(VENV)/.test: pyproject.toml $(BIN)/python
 	$(call requirements,["project"]["optional-dependencies"]["test"]) > $@.txt
+	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
+	touch $@
+
+$(VENV)/.wheel: pyproject.toml $(BIN)/python
+	$(call requirements,["project"]["optional-dependencies"]["wheel"]) > $@.txt
 	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
 	touch $@
 

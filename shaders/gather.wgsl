@@ -5,6 +5,8 @@
 
 // Largest optical depth of a step.
 const STEP_DEPTH = 0.5;
+// Steps of a cell at most: so many resolve what is seen of a density that grows from zero to 10^7 mean free paths.
+const MOST_STEPS = 16777216.0;
 // A ray ends where its transmittance is below exp(-this).
 const OPAQUE = 12.0;
 // Nodes of two Gauss points.
@@ -47,7 +49,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let ray = Ray(seen.p, seen.v, seen.direction, least_off);
     let end = min(seen.length, leave(ray.p, ray.v).t);
     var walk = walk_cells(ray.p, ray.v);
-    var s = Sums(walk.cell, 0.0, walk.next, 0.0, vec3(0.0), 0u, vec4(0.0), 0u, select(1u, 0u, end > 0.0), vec2(0u));
+    var s = Sums(walk.cell, 0.0, walk.next, 0.0, vec3(0.0), 0u, vec4(0.0), 0u, select(1u, 0u, end > 0.0), 0u, 0u);
     if job.begin == 0u {
         s = sums[at];
         walk.cell = s.cell;
@@ -58,7 +60,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         if s.part < piece.parts {
             step(&s, ray, piece);
         }
-        if s.part >= piece.parts {
+        if s.part >= piece.parts || !is_seen(s.column) {
             s.part = 0u;
             s.t = max(s.t, piece.t1);
             if !is_seen(s.column) || piece.is_last || !(piece.is_clear || dda_advance(&walk, dda_axis(&walk))) {
@@ -107,7 +109,7 @@ fn next_piece(walk: ptr<function, Dda>, ray: Ray, t0: f32, end: f32) -> Piece {
         let s2 = density_in(piece.contents, cell, along(ray.p, ray.v, t0 + U2 * length));
         if s1 > 0.0 || s2 > 0.0 {
             let depth = 0.5 * (s1 + s2) * length * scene.top_extinction;
-            let parts = clamp(ceil(depth / STEP_DEPTH), 1.0, 256.0);
+            let parts = clamp(ceil(depth / STEP_DEPTH), 1.0, MOST_STEPS);
             piece.parts = u32(parts);
             piece.step = length / parts;
         }
@@ -130,9 +132,8 @@ fn step(s: ptr<function, Sums>, ray: Ray, piece: Piece) {
         let near = close_light(light, along(ray.p, ray.v, start), ray.direction, piece.step);
         if near.is_close {
             (*s).order1 += rgb(close(light, near, ray, start, profile, (*s).column));
-        } else {
-            (*s).order1 += rgb(f1 * lit(light, p1, ray.direction));
-            (*s).order1 += rgb(f2 * lit(light, p2, ray.direction));
+        } else if !lit(s, light, ray, start, profile) {
+            return;
         }
         (*s).light += 1u;
         if (*s).light < job.lights {
@@ -158,14 +159,6 @@ fn add_volumes(s: ptr<function, Sums>, p: vec3<f32>, factor: Spectrum) {
 fn factor(p: vec3<f32>, weight: f32, column: f32) -> Spectrum {
     let extinction = spectrum(scene.extinction);
     return extinction * albedo_at(p) * weight * expos(-extinction * column);
-}
-
-// A light's order 1 at a node, per factor.
-fn lit(light: Light, p: vec3<f32>, view: vec3<f32>) -> Spectrum {
-    let here = incident(light, p);
-    let column = light_column(light, p, here);
-    let scattered = here.falloff * toward_eye(here.direction, view);
-    return spectrum(light.value) * scattered * expos(-spectrum(scene.extinction) * column);
 }
 
 // P from the light's direction into that towards the eye, which is against the view ray.

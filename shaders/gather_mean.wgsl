@@ -13,6 +13,8 @@ struct Pixel {
 }
 
 @group(0) @binding(28) var<storage, read_write> means: array<Pixel>;
+// The share of each ray in its pixel.
+@group(0) @binding(23) var<storage, read> weights: array<f32>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -21,10 +23,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let count = rays_per_pixel();
-    let weight = 1.0 / f32(count);
     var mean = Pixel(vec3(0.0), 0.0, vec3(0.0), 0.0, vec3(0.0), 0.0, vec3(0.0), 0.0, vec4(0.0));
     for (var i = 0u; i < count; i++) {
         let s = sums[at * count + i];
+        let weight = weights[at * count + i];
         mean.order1 += weight * s.order1;
         let through = rgb(expos(-spectrum(scene.extinction) * s.column));
         mean.transmittance += weight * through;

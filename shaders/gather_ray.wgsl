@@ -18,7 +18,8 @@ struct Job {
     channels: vec4<u32>,
     // The constant radiance behind the volume.
     sky: vec3<f32>,
-    spare: u32,
+    // What the order of the points in a pixel counts by.
+    stride: u32,
 }
 
 struct Sums {
@@ -33,10 +34,12 @@ struct Sums {
     part: u32,
     // Four values of the source volume so far.
     source: vec4<f32>,
-    // The light that is due, and 1 where it has ended.
+    // The light that is due, and 1 where the ray has ended.
     light: u32,
     over: u32,
-    spare: vec2<u32>,
+    // Where the part of the step that is due for this light begins, and its width, in 64ths of the step; 0 for all of it.
+    at: u32,
+    width: u32,
 }
 
 @group(0) @binding(5) var<uniform> job: Job;
@@ -53,8 +56,18 @@ fn share_of(ray: u32) -> vec2<f32> {
     return vec2(f32(ray % job.samples), f32(ray / job.samples)) / f32(job.samples);
 }
 
-// The ray through the middle of its share.
+// Where a ray passes its pixel: one in each of n by n squares, and one in each of n^2 columns and rows (after Kensler,
+// Correlated multi-jittered sampling, 2013).
+fn point_of(ray: u32) -> vec2<f32> {
+    let n = job.samples;
+    let parts = f32(n);
+    let column = f32((ray / n + 1u) * job.stride % (n + 1u)) - 0.5;
+    let row = parts + 0.5 - f32((ray % n + 1u) * job.stride % (n + 1u));
+    return (vec2(f32(ray % n), f32(ray / n)) + vec2(column, row) / parts) / parts;
+}
+
+// The ray through its point.
 fn ray_of(ray: u32) -> ViewRay {
     let count = rays_per_pixel();
-    return view_ray(view_place(pixels[ray / count], share_of(ray % count) + 0.5 / f32(job.samples)));
+    return view_ray(view_place(pixels[ray / count], point_of(ray % count)));
 }

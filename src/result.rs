@@ -100,12 +100,23 @@ pub struct Pixels {
     pub error: Vec<f32>,
 }
 
+/// What unscattered light adds to the outcome of a run, found without photons.
+#[derive(Debug, Clone, Default)]
+pub struct Order0 {
+    /// Fluence, where it is wanted.
+    pub fluence: Option<Vec<f32>>,
+    /// Radiance towards the eye, where it is wanted.
+    pub radiance: Option<Vec<f32>>,
+    /// The energy balance, where it lacked what collides of lights without photons.
+    pub energy: Option<Energy>,
+}
+
 /// Arrays over voxels (x fastest, then channels), and what the run was like.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
-    /// Fluence and its standard error.
+    /// Fluence that photons left and its standard error.
     pub fluence: Option<(Vec<f32>, Vec<f32>)>,
-    /// Reflected radiance towards the eye and its standard error.
+    /// Radiance towards the eye of what photons left and its standard error.
     pub radiance: Option<(Vec<f32>, Vec<f32>)>,
     /// In-scattered radiance J of incident orders >= 1.
     pub source: Option<Vec<f32>>,
@@ -123,8 +134,10 @@ pub struct Outcome {
     pub one_photon: [f64; 3],
     /// Column densities towards each light at the nodes of its grid, where used.
     pub columns: Vec<Option<Vec<f32>>>,
-    /// Where the energy went.
+    /// Where the energy went; if a light shoots no photons, in watts and without what collides of it.
     pub energy: Energy,
+    /// Order 0, if the run's target needed it.
+    pub order0: Option<Order0>,
     /// Photons or paths walked.
     pub photons: u64,
     /// Real collisions.

@@ -1,5 +1,7 @@
 """The interface does what its documentation says."""
 
+import inspect
+import pydoc
 import subprocess
 import sys
 import threading
@@ -57,6 +59,55 @@ def test_plan_takes_the_arguments_of_simulate(grey):
         mcrt.plan(density(), surprise=1)
 
 
+@pytest.mark.cpu_only("the plan is the same on all backends")
+@pytest.mark.parametrize("make", [mcrt.PerspectiveCamera, mcrt.OrthographicCamera])
+@pytest.mark.parametrize(
+    ("view", "up", "taken"), [((0, 0, -1), (0, 0, 1), "x"), ((2, 0, 0), (-1, 0, 0), "y")]
+)
+def test_the_plan_names_the_up_that_a_view_along_up_takes(make, view, up, taken):
+    eye = np.array([0.0, 0.0, 50.0])
+    along = make(eye, eye + view, up=up)
+    rows = {
+        name: (choice, reason)
+        for name, choice, reason in mcrt.plan(density(), camera=along).decisions
+    }
+    assert rows["camera"][0] == f"up is +{taken}"
+    assert "along the up" in rows["camera"][1]
+    other = make(eye, eye + view, up=np.eye(3)["xyz".index(taken)])
+    np.testing.assert_array_equal(*(run(camera=c).image() for c in (along, other)))
+    assert all(name != "camera" for name, _, _ in mcrt.plan(density(), camera=other).decisions)
+
+
+@pytest.mark.cpu_only("no result of a simulation")
+def test_plan_and_simulate_have_one_signature_that_can_be_read():
+    signatures = [inspect.signature(call) for call in (mcrt.plan, mcrt.simulate)]
+    assert signatures[0].parameters == signatures[1].parameters
+    for thing in (
+        mcrt.plan,
+        mcrt.simulate,
+        mcrt.Medium,
+        mcrt.Medium.box,
+        mcrt.Isotropic.evaluate,
+        mcrt.interop.to_mitsuba,
+    ):
+        assert "numpy._typing" not in str(inspect.signature(thing))
+    assert "ArrayLike | Medium" in pydoc.plain(pydoc.render_doc(mcrt.simulate))
+
+
+@pytest.mark.cpu_only("what the core is given does not depend on the backend")
+def test_an_opaque_volume_without_extinction_is_told_its_units():
+    counts = np.full((2, 3, 4), 255, dtype=np.uint8)
+    for ran in (mcrt.plan(counts, photons=100), mcrt.simulate(counts, photons=100)):
+        (warning,) = (w for w in ran.warnings if "extinction is not given" in w)
+        assert "255" in warning
+        assert "extinction: 0.00039 " in warning
+    scaled = {"extinction": 0.1 / 255}
+    for volume, arguments in ((counts, scaled), (counts, {"extinction": 1.0}), (density(), {})):
+        warnings = mcrt.plan(volume, photons=100, **arguments).warnings
+        assert not any("extinction is not given" in warning for warning in warnings)
+    assert not mcrt.plan(mcrt.Medium.box(1000.0)).warnings
+
+
 @pytest.mark.cpu_only("what the core is given does not depend on the backend")
 @pytest.mark.parametrize("dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "i8", "f2", "f4", "f8", "g"])
 def test_dtype_does_not_matter(dtype):
@@ -82,12 +133,6 @@ def test_integer_density_is_used_as_it_is():
     np.testing.assert_array_equal(
         run(values, extinction=0.01).fluence, run(values.astype(float), extinction=0.01).fluence
     )
-
-
-@pytest.mark.cpu_only("what the core is given does not depend on the backend")
-def test_xarray_is_taken_as_array(grey):
-    xarray = pytest.importorskip("xarray")
-    np.testing.assert_array_equal(run(xarray.DataArray(density())).fluence, grey.fluence)
 
 
 @pytest.mark.cpu_only("what the core is given does not depend on the backend")

@@ -164,7 +164,8 @@ def test_merged_runs_weigh_by_their_samples():
 def test_merged_runs_count_their_samples():
     merged = run(spp=100, seed=1) + run(spp=300, seed=2)
     assert merged.stats.spp == 400
-    assert merged.stats.degrees_of_freedom_pixel == 98
+    nu = 400**2 / (100**2 / 24 + 300**2 / 74)  # 24 and 74 of the runs: 25 and 75 view rays
+    assert merged.stats.degrees_of_freedom_pixel == pytest.approx(nu)
 
 
 @pytest.mark.parametrize("name", ["linear", "map", "emission", "box", "sphere"])

@@ -156,7 +156,7 @@ def test_small_albedos_keep_their_mean(simd, monkeypatch):
     result = shine(albedo=tuple(albedo), max_scatterings=1, photons=100_000)
     escaped = sum(np.asarray(part) for part in result.energy.escaped.values()) / albedo
     assert escaped[1] == pytest.approx(escaped[0], rel=1e-3)
-    # Single photons are 2^36 1e-13 = .007 units here, some hundreds all together: five standard errors.
+    # Single photons are 2^36 1e-13 = .007 units here, all together some hundreds: five errors.
     assert escaped[2] == pytest.approx(escaped[0], rel=0.4)
     # What is scattered is tallied in units of its own.
     error = result.fluence_error / albedo

@@ -1,8 +1,10 @@
 """What a user may pass becomes floats, tuples and private float32 arrays, or a SceneError.
 
 Types and shapes are checked here; the values (ranges, NaN) are checked by the Rust constructors.
+What NumPy would drop on the way to an array (units, masked values, labels) is an error here.
 """
 
+import inspect
 import numbers
 import reprlib
 from collections.abc import Sequence
@@ -10,23 +12,96 @@ from typing import Any
 
 import numpy as np
 
-from ._errors import SceneError, VolumeTooLargeError
+from ._errors import McrtError, SceneError, VolumeTooLargeError
+from ._labels import as_labelled
 
 Value = float | tuple[float, float, float]
+PLAIN = (int, float, bool, complex, str, bytes, type(None))  # carry nothing but their value
 
 
 def describe(value: object) -> str:
     """Say in few words what was given."""
-    if isinstance(value, np.ma.MaskedArray):
+    if isinstance(value, np.ma.MaskedArray) and value.ndim > 0:
         return f"a masked array of shape {value.shape}"
-    if isinstance(value, np.ndarray | np.generic) and value.ndim > 0:
-        return f"an array of shape {value.shape} and dtype {value.dtype}"
+    if isinstance(value, np.ndarray) and value.ndim > 0:
+        kind = "an array" if type(value) is np.ndarray else f"a {type(value).__name__}"
+        return f"{kind} of shape {value.shape} and dtype {value.dtype}"
     return f"{reprlib.repr(value)} ({type(value).__name__})"
 
 
 def wrong(name: str, expected: str, value: object) -> SceneError:
     """The error for an argument that is not what is allowed."""
-    return SceneError(f"{name} must be {expected}; got {describe(value)}")
+    unit = unit_of(value)
+    if unit is None:
+        return SceneError(f"{name} must be {expected}; got {describe(value)}")
+    number = "magnitude" if hasattr(value, "magnitude") else "value"
+    return SceneError(
+        f"{name} must be {expected}, without a unit; got {describe(value)}: pass its number in the "
+        f'unit that is meant here (lengths all in one), as .to("{unit}").{number} gives it'
+    )
+
+
+def unit_of(value: object) -> Any:
+    """The unit that a quantity of astropy, pint, unyt or the like carries; None for others."""
+    for owner in (value, getattr(value, "dtype", None)):
+        for name in ("unit", "units"):
+            unit = getattr(owner, name, None)
+            if unit is not None and not isinstance(unit, str) and not inspect.isroutine(unit):
+                return unit
+    return None
+
+
+def is_masked(array: np.ndarray) -> bool:
+    """Whether a masked array, NumPy's or another subclass of its arrays, has a masked value."""
+    mask = getattr(array, "mask", None) if type(array) is not np.ndarray else None
+    return mask is not None and array.dtype.names is None and bool(np.any(mask))
+
+
+def bare(name: str, value: Any, expected: str) -> Any:
+    """A number, an array, or nested lists of them, that NumPy loses nothing of.
+
+    Raises
+    ------
+    SceneError
+        If a unit, a masked value, or names of axes would be lost.
+    """
+    if type(value) in PLAIN or isinstance(value, np.generic):
+        return value
+    labelled = as_labelled(value)
+    if labelled is not None:
+        if labelled.ndim > 0:
+            raise SceneError(
+                f"{name} must be {expected}; got an xarray.DataArray with the dims "
+                f"{labelled.dims}, whose names and coordinates have no meaning here: pass its "
+                "values (.values)"
+            )
+        value = labelled.data
+    if unit_of(value) is not None:
+        raise wrong(name, expected, value)
+    array_like = hasattr(value, "__array__") or hasattr(value, "__dlpack__")
+    if isinstance(value, Sequence) and not isinstance(value, memoryview) and not array_like:
+        if all(type(item) in PLAIN for item in value):
+            return value
+        items = [bare(name, item, expected) for item in value]
+        shapes = list(dict.fromkeys(np.shape(i) for i in items if isinstance(i, np.ndarray)))
+        if len(shapes) > 1:
+            given = f"{len(items)} arrays of the shapes {', '.join(map(str, shapes))}"
+            raise SceneError(f"{name} must be {expected}; got {given}, which do not stack")
+        return items
+    if hasattr(value, "__dask_graph__"):
+        return bare(name, value.compute(), expected)
+    array = np.asanyarray(value)
+    if array.dtype.kind == "O":
+        if array.ndim == 0 and hasattr(value, "__dlpack__"):
+            array = np.from_dlpack(value)
+        for item in array.flat:
+            if unit_of(item) is not None:
+                raise wrong(name, expected, item)
+    if unit_of(array) is not None:
+        raise wrong(name, expected, array)
+    if is_masked(array):
+        raise wrong(name, f"{expected}, without a masked value (fill it: a.filled(0))", array)
+    return np.asarray(array)
 
 
 def not_yet(what: str) -> SceneError:
@@ -36,10 +111,10 @@ def not_yet(what: str) -> SceneError:
 
 def numeric(name: str, value: Any, expected: str, kinds: str = "iuf") -> np.ndarray:
     """`value` as an array whose dtype kind is one of `kinds`; copies only where it must."""
-    if isinstance(value, np.ma.MaskedArray):
-        raise wrong(name, f"{expected}, without a mask (fill it: a.filled(0))", value)
     try:
-        array = np.asarray(value)
+        array = np.asarray(bare(name, value, expected))
+    except McrtError:
+        raise
     except MemoryError as error:
         raise VolumeTooLargeError(f"{name}: {error}") from error
     except Exception as error:
@@ -70,6 +145,8 @@ def positive(name: str, value: Any) -> float:
 def integer(name: str, value: Any, low: int, high: int) -> int:
     """An integral number in [low, high]; `1e7` and `np.int64(5)` are integral too."""
     expected = f"an integral number from {low:,} to {high:,}"
+    if unit_of(value) is not None:
+        raise wrong(name, expected, value)
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):

@@ -1,4 +1,4 @@
-"""The Rust core. Every call gets the scene again; nothing is kept between calls."""
+"""The Rust core. A scene is parsed once, and kept; nothing else is kept between calls."""
 
 from collections.abc import Callable
 from typing import Any, final
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Scene",
     "Unfinished",
     "check_camera",
     "check_light",
@@ -21,6 +22,7 @@ __all__ = [
     "plan",
     "probe",
     "simulate",
+    "unscattered",
 ]
 
 def check_camera(spec: tuple[Any, ...]) -> None: ...
@@ -38,10 +40,14 @@ def framing_camera(
 ) -> tuple[Any, ...]: ...
 
 @final
+class Scene:
+    def __new__(cls, scene: dict[str, Any]) -> Scene: ...
+
+@final
 class Unfinished: ...
 
 def gather(
-    scene: dict[str, Any],
+    scene: Scene,
     volumes: dict[str, Any],
     camera: tuple[Any, ...],
     replicates: bool,
@@ -50,11 +56,14 @@ def lose_device(backend: str) -> None: ...
 def info() -> dict[str, Any]: ...
 def phase_eval(spec: tuple[Any, ...], cos_theta: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def phase_sample(spec: tuple[Any, ...], n: int, seed: int) -> NDArray[np.float64]: ...
-def plan(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]: ...
+def plan(scene: Scene, settings: dict[str, Any]) -> dict[str, Any]: ...
 def probe() -> list[tuple[str, str, str, int, float, float]]: ...
 def simulate(
-    scene: dict[str, Any],
+    scene: Scene,
     settings: dict[str, Any],
     progress: Callable[[float, dict[str, Any]], bool | None] | None,
     before: Unfinished | None = None,
+) -> dict[str, Any]: ...
+def unscattered(
+    scene: Scene, settings: dict[str, Any], energy: dict[str, NDArray[np.float64]] | None
 ) -> dict[str, Any]: ...

@@ -1,5 +1,7 @@
 """The medium: a density array and what scatters in it."""
 
+from __future__ import annotations
+
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -21,6 +23,7 @@ from ._arguments import (
     wrong,
 )
 from ._errors import SceneError
+from ._labels import Frame, as_labelled, read
 from ._scene import Phase, as_phase
 
 
@@ -35,15 +38,16 @@ class Medium:
     ----------
     density : array (nz, ny, nx)
         Real numbers of any dtype and memory layout, not negative; integers are used as they are
-        (255 means 255). One float32 copy is made.
-    spacing : float or (dz, dy, dx)
-        Size of a voxel, in the order of the array's axes.
-    origin : (x, y, z)
-        Lower corner of the box.
+        (255 means 255). One float32 copy is made. The axes of an `xarray.DataArray` are known by
+        their names, in any order: x, y, and z, height, altitude, lev or level; see the notes.
+    spacing : float or (dz, dy, dx), optional
+        Size of a voxel, in the order of the array's axes; None is 1, or what coordinates say.
+    origin : (x, y, z), optional
+        Lower corner of the box; None is (0, 0, 0), or what coordinates say.
     interpolation : "linear" or "nearest"
         Samples at voxel centres, clamped at the border; or constant in each voxel.
-    extinction : float or RGB
-        Extinction coefficient at density 1 [1/length].
+    extinction : float or RGB, optional
+        Extinction coefficient at density 1 [1/length]; None is 1.
     albedo : float, RGB, or array (nz, ny, nx)
         Single-scattering albedo, 0 to 1. Three numbers are RGB; only 3-D arrays are per voxel.
     phase : phase function, optional
@@ -57,39 +61,67 @@ class Medium:
     Raises
     ------
     SceneError
-        If an argument is not of these types and shapes.
+        If an argument is not of these types and shapes, has a unit (of astropy, pint, ...) or a
+        masked value.
     VolumeTooLargeError
         If there is no memory for the copy.
+
+    Notes
+    -----
+    The coordinates of an `xarray.DataArray` are the voxels' centres: spacing and origin follow from
+    them, and what they say must not be contradicted. They are even within a thousandth of a voxel
+    (or the rounding of their dtype); descending ones are flipped, so that all arrays of the result
+    are (z, y, x), ascending. Without coordinates the names alone count. Names that mean no length
+    (lat, lon, depth, time) and uneven coordinates are errors that say how to resample. An albedo or
+    emission per voxel may be a DataArray too, and must be one where the density was turned.
     """
 
     density: np.ndarray
     _: KW_ONLY
-    spacing: float | tuple[float, float, float] = 1.0
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    spacing: float | tuple[float, float, float] | None = None
+    origin: tuple[float, float, float] | None = None
     interpolation: str = "linear"
-    extinction: Value = 1.0
+    extinction: Value | None = None
     albedo: Value | np.ndarray = 0.9
     phase: Phase | None = None
     emission: Value | np.ndarray | None = None
     shape: str = field(default="voxels", init=False)
+    frame: Frame | None = field(default=None, init=False)  # of an xarray.DataArray
+    remarks: dict[str, list[Any]] = field(default_factory=dict, init=False)  # for the plan
 
     def __post_init__(self) -> None:
-        density = volume("density", self.density)
+        labelled = as_labelled(self.density)
+        given, frame = (self.density, Frame()) if labelled is None else read("density", labelled)
+        density = volume("density", given)
+        spacing, origin = frame.placed(
+            None if self.spacing is None else _spacing(self.spacing),
+            None if self.origin is None else vector("origin", self.origin),
+        )
+        per_voxel = {}
+        for name, parse in (("albedo", _albedo), ("emission", _emission)):
+            value = getattr(self, name)
+            laid_out = _laid_out(name, value, frame, spacing, origin)
+            per_voxel[name] = parse(laid_out, density.shape)
+            _refuse_turned(name, value, per_voxel[name], frame)
         normalised = {
+            **per_voxel,
             "density": density,
-            "spacing": _spacing(self.spacing),
-            "origin": vector("origin", self.origin),
+            "spacing": spacing,
+            "origin": origin,
             "interpolation": choice("interpolation", self.interpolation, ("nearest", "linear")),
-            "extinction": rgb("extinction", self.extinction),
-            "albedo": _albedo(self.albedo, density.shape),
+            "extinction": 1.0 if self.extinction is None else rgb("extinction", self.extinction),
             "phase": as_phase(self.phase),
-            "emission": _emission(self.emission, density.shape),
+            "frame": None if labelled is None else frame,
+            "remarks": {
+                "decisions": [] if labelled is None else [frame.row(spacing, origin)],
+                "warnings": _opaque(density, spacing) if self.extinction is None else [],
+            },
         }
         for name, value in normalised.items():
             object.__setattr__(self, name, value)
 
     @classmethod
-    def from_opacity(cls, alpha: ArrayLike, step: float, **arguments: Any) -> "Medium":
+    def from_opacity(cls, alpha: ArrayLike, step: float, **arguments: Any) -> Medium:
         """A medium whose voxels let 1 - alpha of the light through per step.
 
         alpha = 1 - exp(-sigma_t step), hence sigma_t = -log(1 - alpha) / step.
@@ -112,7 +144,9 @@ class Medium:
             raise SceneError("extinction must not be given: the opacity and the step determine it")
         step = positive("step", step)
         expected = "a 3-D array (nz, ny, nx) of opacities in [0, 1)"
-        array = numeric("alpha", alpha, expected).astype(np.float64)
+        labelled = as_labelled(alpha)
+        values = alpha if labelled is None else labelled.data
+        array = numeric("alpha", values, expected).astype(np.float64)
         outside = ~((array >= 0.0) & (array < 1.0))
         if outside.any():
             where = first_index(outside)
@@ -120,10 +154,12 @@ class Medium:
                 f"alpha must be {expected}; {np.count_nonzero(outside)} values of "
                 f"{describe(array)} are not, the first is {array[where]} at index {where}"
             )
-        return cls(np.abs(np.log1p(-array)) / step, **arguments)
+        sigma_t = np.abs(np.log1p(-array)) / step
+        density = sigma_t if labelled is None else labelled.copy(data=sigma_t)
+        return cls(density, extinction=1.0, **arguments)
 
     @classmethod
-    def box(cls, size: ArrayLike, *, origin: ArrayLike = (0, 0, 0), **arguments: Any) -> "Medium":
+    def box(cls, size: ArrayLike, *, origin: ArrayLike = (0, 0, 0), **arguments: Any) -> Medium:
         """A homogeneous box without voxels.
 
         Its images come from method "path". With `outputs` that name voxel quantities it counts as
@@ -145,7 +181,7 @@ class Medium:
         return cls._solid("box", tuple(np.broadcast_to(edges, 3)[::-1]), corner, arguments)
 
     @classmethod
-    def sphere(cls, radius: float, *, center: ArrayLike = (0, 0, 0), **arguments: Any) -> "Medium":
+    def sphere(cls, radius: float, *, center: ArrayLike = (0, 0, 0), **arguments: Any) -> Medium:
         """A homogeneous sphere without voxels; its images come from method "path".
 
         Parameters
@@ -163,13 +199,14 @@ class Medium:
         return cls._solid("sphere", 2.0 * radius, corner, arguments)
 
     @classmethod
-    def _solid(cls, shape: str, spacing: Any, origin: Any, arguments: Any) -> "Medium":
+    def _solid(cls, shape: str, spacing: Any, origin: Any, arguments: Any) -> Medium:
         """One voxel that stands for a solid."""
         for name in ("spacing", "interpolation", "density"):
             if name in arguments:
                 raise SceneError(f"{name} is not for a {shape}, which has no voxels")
         one = np.ones((1, 1, 1), np.float32)
-        medium = cls(one, spacing=spacing, origin=origin, interpolation="nearest", **arguments)
+        voxel = {"spacing": spacing, "origin": origin, "interpolation": "nearest"}
+        medium = cls(one, **({"extinction": 1.0} | arguments | voxel))
         object.__setattr__(medium, "shape", shape)
         return medium
 
@@ -179,6 +216,50 @@ class Medium:
         return (
             f"<mcrt.Medium {' x '.join(map(str, self.density.shape))} voxels (z, y, x), "
             f"{self.interpolation}, {self.phase}>"
+        )
+
+
+OPAQUE = 20.0  # optical depth of a voxel, of which exp(-20) = 2e-9 of the light gets through
+
+
+def _opaque(density: np.ndarray, spacing: tuple[float, float, float]) -> list[str]:
+    """A warning where the extinction was left at 1 and light does not even cross a voxel."""
+    largest, step = float(density.max()), max(spacing)
+    if not largest * step > OPAQUE:
+        return []
+    return [
+        f"extinction is not given and counts as 1 per unit of density and length: the largest "
+        f"density, {largest:.6g}, then has an optical depth of {largest * step:.3g} in one voxel "
+        f"(spacing {step:.6g}), which no light crosses. If densities are grey values or counts, "
+        f"pass extinction: {0.1 / (largest * step):.2g} makes it 0.1 a voxel"
+    ]
+
+
+def _laid_out(name: str, value: Any, frame: Frame, spacing: Any, origin: Any) -> Any:
+    """What a DataArray holds per voxel, laid out as the density is; others as they are."""
+    labelled = as_labelled(value)
+    if labelled is None or labelled.ndim < 3:
+        return value
+    values, own = read(name, labelled)
+    if not own.agrees(frame, spacing, origin):
+        raise SceneError(
+            f"{name} must have the coordinates of the density: spacing {spacing} (dz, dy, dx) and "
+            f"origin {origin} (x, y, z)"
+        )
+    if own.coordinates is None and frame.flipped:
+        raise SceneError(
+            f"{name} has no coordinates, and {', '.join(frame.flipped)} of the density descends: "
+            "give it the density's coordinates"
+        )
+    return values
+
+
+def _refuse_turned(name: str, given: Any, found: Any, frame: Frame) -> None:
+    """An array without names does not say in which order it lists voxels that were turned."""
+    if frame.turned and isinstance(found, np.ndarray) and as_labelled(given) is None:
+        raise SceneError(
+            f"{name} must be an xarray.DataArray, as the density is: its voxels were turned from "
+            f"{frame.given} to (z, y, x), ascending; got an array without names"
         )
 
 

@@ -1,5 +1,6 @@
 """The result of a run: arrays, errors, images from any camera, energy, statistics."""
 
+import time
 from functools import cached_property
 from os import PathLike
 from typing import Any
@@ -10,6 +11,7 @@ from . import _mcrt, display, io
 from ._arguments import wrong
 from ._errors import SceneError
 from ._merge import merge
+from ._order0 import whole
 from ._records import Energy, Plan, Record, energy
 from ._scene import Camera, as_camera, camera_from_spec
 
@@ -22,8 +24,11 @@ class Result:
     """What `simulate` returns.
 
     Voxel arrays have the shape (nz, ny, nx), or (nz, ny, nx, 3) where the scene is RGB, dtype
-    float32, and are read-only views: copy one to change it. Images have the shape (height, width)
-    or (height, width, 3), dtype float32; each call returns a new array that is the caller's.
+    float32, and are read-only views: copy one to change it. Their unscattered light is found when
+    one of them (or `energy`, if a light shoots no photons) is first read, unless the run needed it;
+    `stats.seconds` does not count that. Images have the shape (height, width)
+    or (height, width, 3), dtype float32; each call returns a new array that is the caller's. Those
+    of the last 16 cameras are kept.
 
     Attributes
     ----------
@@ -42,7 +47,9 @@ class Result:
     their errors are correlated: the error of a mean over pixels does not fall as one over the
     square root of their number. What is found without photons (orders 0 and 1 of points,
     directions and beams, emission seen directly) has no standard error; a run without photons has
-    zeros, and a single batch leaves the errors unknown: infinite.
+    zeros, and a single batch leaves the errors unknown: infinite. Merged runs of N_i photons and
+    nu_i degrees of freedom have N^2 / sum(N_i^2 / nu_i) of them (Welch and Satterthwaite), N the
+    sum of N_i, but for the pixels of photons, which have those of the smallest K.
 
     Where nothing was sampled the scatter tells nothing. In a voxel that no photon reached (in a
     channel) the error of the fluence is what one photon would have left: the power of all photons
@@ -60,8 +67,11 @@ class Result:
         settings: dict[str, Any],
         data: dict[str, Any],
         seeds: tuple[int, ...] | None = None,
+        core: _mcrt.Scene | None = None,
     ) -> None:
         self._scene, self._settings, self._data = scene, settings, data
+        if core is not None:
+            self._core = core
         self._seeds = seeds or (settings["seed"],)
         self._layers: dict[tuple[Any, ...], dict[str, np.ndarray]] = {}
         self.plan = Plan(data["plan"])
@@ -72,7 +82,7 @@ class Result:
     def energy(self) -> Energy:
         """The energy balance."""
         self._need_voxels("energy")
-        return energy(self._data["energy"])
+        return energy(self._data.get("energy") or self._whole()["energy"])
 
     # Voxels
 
@@ -181,14 +191,13 @@ class Result:
 
     def _relative_errors(self) -> tuple[float | None, float | None, float | None]:
         """Median, 95 % quantile and RMS of the relative errors."""
-        outputs = self._settings["outputs"]
         if not self._settings["errors"]:
             return None, None, None
         if not self._data["stats"]["photons"]:
             return 0.0, 0.0, 0.0
-        if "image" in outputs and not (self._settings["over_voxels"] and "fluence" in outputs):
-            error = self.image_error()  # its gather finds the image too
-            return relative_errors(self.image(), error, self.plan.channels)
+        outputs = self._settings["outputs"]
+        if self._by_pixels():
+            return relative_errors(self.image(), self.image_error(), self.plan.channels)
         name = "fluence" if "fluence" in outputs else "radiance"
         return relative_errors(self._voxels(name), self._voxels(name, "_error"), self.plan.channels)
 
@@ -197,6 +206,9 @@ class Result:
     def __add__(self, other: "Result") -> "Result":
         """Merge independent runs of the same scene (other seed) as if they had been one.
 
+        They may differ in photons, tracker, backend and threads, and may have been stopped early.
+        The order makes no difference, not by a bit.
+
         Raises
         ------
         SceneError
@@ -204,8 +216,7 @@ class Result:
         """
         if not isinstance(other, Result):
             return NotImplemented
-        data = merge(self, other)
-        return Result(self._scene, self._settings, data, self._seeds + other._seeds)
+        return Result(*merge(self, other))
 
     def __radd__(self, other: object) -> "Result":
         """`sum(results)` merges them: it starts at 0."""
@@ -292,6 +303,26 @@ class Result:
 
     # What the above is made of
 
+    @cached_property
+    def _core(self) -> _mcrt.Scene:
+        """The scene as the Rust core keeps it."""
+        return _mcrt.Scene(self._scene)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_core"}
+
+    def _whole(self) -> dict[str, Any]:
+        """The data with order 0, which is found when it is first asked for."""
+        data = dict(self._data)  # what another thread adds meanwhile is not added again
+        if not data.get("order0", True):
+            found = data.get("unscattered")
+            if found is None:
+                found = _mcrt.unscattered(self._core, self._settings, data.get("balance"))
+            self._data.update(whole(data, found))
+            for name in ("unscattered", "balance"):
+                self._data.pop(name, None)
+        return self._data
+
     def _voxels(self, name: str, suffix: str = "") -> np.ndarray:
         self._need_voxels(name)
         outputs = self._settings["outputs"]
@@ -299,14 +330,9 @@ class Result:
             raise missing(name, outputs)
         if suffix:
             self._need_errors()
-        view = self._found(self._data, name + suffix).view()
+        view = self._whole()[name + suffix].view()
         view.flags.writeable = False
         return view
-
-    def _found(self, arrays: dict[str, Any], name: str) -> np.ndarray:
-        if arrays.get(name) is None:
-            raise SceneError(f'method "{self.plan.method}" gives no {name}; use method="photon"')
-        return arrays[name]
 
     def _need_voxels(self, name: str) -> None:
         if self.plan.method == "path":
@@ -325,13 +351,25 @@ class Result:
         sigma_a = coalbedo * extinction * self._scene["density"][..., np.newaxis]
         return sigma_a if self.plan.channels == 3 else sigma_a[..., 0]
 
+    def _by_pixels(self) -> bool:
+        """Whether the run's error is meant for pixels, not for voxels."""
+        outputs = self._settings["outputs"]
+        return "image" in outputs and not (self._settings["over_voxels"] and "fluence" in outputs)
+
+    def _keep_judged(self) -> None:
+        """Gathers what a run by its pixels was judged by: its picture and the error of that."""
+        if self._by_pixels() and self._settings["errors"] and self.plan.method != "path":
+            start = time.perf_counter()
+            self._seen(None, "order1", "error")
+            self._data["stats"]["seconds"]["picture"] = time.perf_counter() - start
+
     def _seen(self, camera: Camera | None, *names: str) -> dict[str, np.ndarray]:
         """Layers that a camera sees, among them those of the given names."""
         if "image" not in self._settings["outputs"]:
             raise missing("image", self._settings["outputs"])
         spec = (self.camera if camera is None else as_camera(camera))._spec()
         if self.plan.method != "path":
-            return self._gather(spec, "error" in names)
+            return self._gather(spec, names)
         if spec != self.camera._spec():
             raise SceneError(
                 'a "path" result holds the image of its own camera only; use method="photon", or '
@@ -340,25 +378,40 @@ class Result:
         traced = {name: self._data[name] for name in PIXELS}
         if self._scene["emission"] is None:
             traced["emitted"] = np.zeros_like(traced["order1"])
-        return traced if traced.keys() >= set(names) else self._gather(spec, False) | traced
+        return traced if traced.keys() >= set(names) else self._gather(spec, names) | traced
 
-    def _gather(self, spec: tuple[Any, ...], replicates: bool) -> dict[str, np.ndarray]:
-        """The layers that a camera gathers; those of the last cameras are kept."""
-        layers = self._layers.get(spec)
-        if layers is None or (replicates and "error" not in layers):
-            layers = _mcrt.gather(self._scene, self._volumes(), spec, replicates)
-            if replicates and "error" not in layers:  # no photons, or a single batch of them
-                unknown = np.inf if self._data["stats"]["photons"] else 0.0
-                layers["error"] = np.full_like(layers["order1"], unknown)
-            self._layers.pop(spec, None)
-            if len(self._layers) >= CACHED_CAMERAS:
-                del self._layers[next(iter(self._layers))]
-            self._layers[spec] = layers
+    def _gather(self, spec: tuple[Any, ...], names: tuple[str, ...]) -> dict[str, np.ndarray]:
+        """Layers that a camera gathers, the image's or the error; the last cameras' are kept."""
+        layers = self._layers.pop(spec, {})
+        for replicates in sorted({name == "error" for name in names if name not in layers}):
+            layers |= _mcrt.gather(self._core, self._volumes(), spec, replicates)
+            if replicates and "error" in layers:
+                self._allow_for_one_photon(layers, spec)
+        if "error" in names and "error" not in layers:  # no photons, or a single batch of them
+            unknown = np.inf if self._data["stats"]["photons"] else 0.0
+            width, height = spec[-1]
+            shape = (height, width, 3) if self.plan.channels == 3 else (height, width)
+            layers["error"] = np.full(shape, unknown, np.float32)
+        self._layers[spec] = layers
+        if len(self._layers) > CACHED_CAMERAS:
+            del self._layers[next(iter(self._layers))]
         return layers
+
+    def _allow_for_one_photon(self, layers: dict[str, np.ndarray], spec: tuple[Any, ...]) -> None:
+        """The error of one photon in each voxel seen, where no sub-volume holds anything."""
+        nothing = layers["error"] == 0.0
+        one, albedo = self._data.get("one_photon"), self._scene["albedo"]
+        if one is None or not nothing.any():
+            return
+        if "transmittance" not in layers:
+            layers |= _mcrt.gather(self._core, self._volumes(), spec, False)
+        top = np.max(albedo) if isinstance(albedo, np.ndarray) else np.array(albedo)
+        error = (1.0 - layers["transmittance"]) * (one * top if one.size > 1 else np.max(one * top))
+        layers["error"][nothing] = error[nothing]
 
     def _volumes(self) -> dict[str, Any]:
         """What a gather reads."""
-        names = ("source", "source0", "subvolumes", "columns", "harmonics", "one_photon")
+        names = ("source", "source0", "subvolumes", "columns", "fine", "harmonics")
         return {
             **{name: self._data.get(name) for name in names},
             "max_scatterings": self._settings["max_scatterings"],

@@ -3,6 +3,8 @@
 Points and directions are world (x, y, z). A value per channel is a number, or three for RGB.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -281,7 +283,8 @@ class PerspectiveCamera(Camera):
     origin, target : (x, y, z)
         The eye, and the point that is seen in the middle of the image.
     up : (x, y, z)
-        Direction that points up in the image; where the view is parallel to it, another is taken.
+        Direction that points up in the image. A view along it takes the axis that it is least along
+        (x before y before z), which the plan names.
     fov : float
         Field of view along x, in degrees, 0 < fov < 180.
     resolution : (width, height)
@@ -312,7 +315,8 @@ class OrthographicCamera(Camera):
     origin, target : (x, y, z)
         The middle of the image plane, and the point that is seen in the middle of the image.
     up : (x, y, z)
-        Direction that points up in the image; where the view is parallel to it, another is taken.
+        Direction that points up in the image. A view along it takes the axis that it is least along
+        (x before y before z), which the plan names.
     width : float
         Width of the image plane [length]; the height follows from the resolution.
     resolution : (width, height)

@@ -1,15 +1,16 @@
 """`simulate` and `plan`: one signature, turned into the scene and the settings of the Rust core."""
 
-import inspect
+from __future__ import annotations
+
 import os
 from collections.abc import Callable, Sequence, Set
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mcrt
-from ._arguments import channels, choice, flag, integer, not_yet, positive, wrong
+from ._arguments import Value, channels, choice, flag, integer, not_yet, positive, wrong
 from ._device import backend
 from ._errors import DeviceLostError, SceneError
 from ._medium import Medium, emission_planes
@@ -57,7 +58,8 @@ def simulate(
     Parameters
     ----------
     volume : array (nz, ny, nx) or Medium
-        The density, or a medium that holds it; what the medium holds must not be given again.
+        The density, or a medium that holds it; what the medium holds must not be given again. An
+        `xarray.DataArray` brings its axes' names, spacing and origin along, see `Medium`.
     spacing, origin, interpolation, extinction, albedo, phase, emission
         As for `Medium`, with its defaults: 1.0, (0, 0, 0), "linear", 1.0, 0.9, `Isotropic()`, none.
     light : light or sequence of lights, optional
@@ -80,7 +82,8 @@ def simulate(
     method : "auto", "single", "photon" or "path"
         "single" is deterministic and holds order 1 only; its fluence is that of order 0. "photon"
         keeps orders 2 and up in the voxels, for any number of images. "path" traces paths from the
-        camera: the image of this camera alone, without bias. "auto" takes "path" if `spp` is given.
+        camera: the image of this camera alone, without bias. "auto" takes "path" if `spp` is given,
+        or if only the image is wanted and the voxels seen are too thick for one made of voxels.
     tracker : "auto", "woodcock", "march" or "analytic"
         How free flights are sampled; "analytic" needs a homogeneous medium.
     angular : "auto", "sh" or int
@@ -117,6 +120,7 @@ def simulate(
     ------
     SceneError
         If an argument is not allowed: the message says what was given, what is allowed, and where.
+        Quantities with a unit (of astropy, pint, ...) and masked values are not.
     VolumeTooLargeError
         If the run needs more memory than there is, or than the GPU can hold.
     NoAdapterError
@@ -130,31 +134,73 @@ def simulate(
     (w . grad) L = -sigma_t L + sigma_s integral p(w . w') L(w') dw' + L_e for the radiance L.
     """
     scene, settings, progress = _parse(locals())
-    return _run(scene, settings, progress)
+    return _run(_mcrt.Scene(scene), scene, settings, progress)
 
 
 def _run(
-    scene: dict[str, Any], settings: dict[str, Any], progress: Any, before: Any = None
+    core: _mcrt.Scene,
+    scene: dict[str, Any],
+    settings: dict[str, Any],
+    progress: Any,
+    before: Any = None,
 ) -> Result:
     """Run, or go on with what a lost device cut short."""
 
     def resume(progress: Any = None) -> Result:
-        return _run(scene, settings, progress, before)
+        return _run(core, scene, settings, progress, before)
 
     try:
         with reporting(progress) as report:
-            data = _mcrt.simulate(scene, settings, report, before)
+            data = _mcrt.simulate(core, settings, report, before)
+        _remark(data["plan"], settings)
+        data["warnings"] = [*settings["remarks"]["warnings"], *data["warnings"]]
     except DeviceLostError as error:
         raise DeviceLostError(str(error), None, resume) from None
     lost, before = data.pop("lost", None), data.pop("unfinished", None)
-    result = Result(scene, settings, data)
+    result = Result(scene, settings, data, core=core)
     if lost is not None:
         raise DeviceLostError(lost, result, resume)
+    if data["stats"]["stopped_by"] == "target_error":
+        result._keep_judged()
     return result
 
 
-def plan(volume: ArrayLike | Medium, **arguments: Any) -> Plan:
+def plan(
+    volume: ArrayLike | Medium,
+    *,
+    spacing: ArrayLike | None = None,
+    origin: ArrayLike | None = None,
+    interpolation: str | None = None,
+    extinction: ArrayLike | None = None,
+    albedo: ArrayLike | None = None,
+    phase: Phase | None = None,
+    emission: ArrayLike | None = None,
+    light: Light | Sequence[Light] | None = None,
+    camera: Camera | None = None,
+    detector: None = None,
+    photons: float | None = None,
+    spp: float | None = None,
+    target_error: float | None = None,
+    time_limit: float | None = None,
+    max_scatterings: int | None = None,
+    method: str = "auto",
+    tracker: str = "auto",
+    angular: str | int = "auto",
+    backend: str = "auto",
+    seed: int = 0,
+    threads: int | None = None,
+    errors: bool = True,
+    outputs: Sequence[str] | Set[str] | None = None,
+    photoelectric: bool = False,
+    force: bool = False,
+    progress: bool | Callable[[float, dict[str, Any]], bool | None] | None = None,
+) -> Plan:
     """What `simulate` would run with the same arguments, why, and at what cost; runs nothing.
+
+    Parameters
+    ----------
+    volume, spacing, ..., progress
+        As for `simulate`.
 
     Returns
     -------
@@ -166,18 +212,24 @@ def plan(volume: ArrayLike | Medium, **arguments: Any) -> Plan:
     SceneError
         As `simulate`.
     """
-    call = inspect.signature(simulate).bind(volume, **arguments)
-    call.apply_defaults()
-    scene, settings, _ = _parse(dict(call.arguments))
-    planned = Plan(_mcrt.plan(scene, settings))
+    scene, settings, _ = _parse(locals())
+    planned = Plan(_mcrt.plan(_mcrt.Scene(scene), settings))
+    _remark(planned, settings)
     planned._scene = scene, settings
     return planned
 
 
+def _remark(plan: dict[str, Any], settings: dict[str, Any]) -> None:
+    """Add to a plan what was decided and noticed where the arguments were read."""
+    for name in ("decisions", "warnings"):
+        plan[name] = [*settings["remarks"][name], *plan[name]]
+
+
 def _parse(arguments: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], Any]:
     """The arguments of `simulate` as scene, settings, and `progress`."""
-    settings = _settings(arguments)
-    return _scene(arguments), settings, arguments["progress"]
+    settings, medium = _settings(arguments), _medium(arguments)
+    settings["remarks"] = medium.remarks
+    return _scene(medium, arguments), settings, arguments["progress"]
 
 
 def _medium(arguments: dict[str, Any]) -> Medium:
@@ -191,9 +243,8 @@ def _medium(arguments: dict[str, Any]) -> Medium:
     return volume
 
 
-def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
+def _scene(medium: Medium, arguments: dict[str, Any]) -> dict[str, Any]:
     """The scene that the Rust core takes; it checks the values."""
-    medium = _medium(arguments)
     box: tuple[Any, Any, Any] = (medium.density.shape, medium.spacing, medium.origin)
     camera, light, albedo = arguments["camera"], arguments["light"], medium.albedo
     if light is None and medium.emission is not None:
@@ -203,7 +254,7 @@ def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
         "spacing": medium.spacing,
         "origin": medium.origin,
         "linear": medium.interpolation == "linear",
-        "extinction": channels(medium.extinction),
+        "extinction": channels(cast(Value, medium.extinction)),
         "albedo": albedo if isinstance(albedo, np.ndarray) else channels(albedo),
         "phase": as_phase(medium.phase)._spec(),
         "emission": emission_planes(medium),
@@ -214,6 +265,12 @@ def _scene(arguments: dict[str, Any]) -> dict[str, Any]:
             else [one._spec() for one in as_lights(light)]
         ),
         "camera": _mcrt.framing_camera(*box) if camera is None else as_camera(camera)._spec(),
+        "frame": medium.frame
+        and {
+            "dims": medium.frame.dims,
+            "coordinates": medium.frame.coordinates,
+            "unit": medium.frame.unit,
+        },
     }
 
 

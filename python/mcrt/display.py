@@ -117,7 +117,7 @@ def _percent(share: Any) -> str:
 
 def html(result: "Result") -> str:
     """The picture, if the result has one, and the summary."""
-    rows = summary(result)  # first: the gather of the errors finds the image too
+    rows = summary(result)
     try:
         data = base64.b64encode(picture(result)).decode()
         image = f'<img alt="image" style="max-width:400px" src="data:image/png;base64,{data}">'

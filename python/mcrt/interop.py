@@ -1,5 +1,7 @@
 """Scenes for other programs: `to_mitsuba`, a dictionary for Mitsuba 3's `load_dict`."""
 
+from __future__ import annotations
+
 import inspect
 from typing import Any
 

@@ -32,7 +32,7 @@ def save(result: "Result", path: str | PathLike[str]) -> None:
             return [strip(item, f"{name}/{i}") for i, item in enumerate(value)]
         return value.item() if isinstance(value, np.generic) else value
 
-    parts = {"scene": result._scene, "settings": result._settings, "data": result._data}
+    parts = {"scene": result._scene, "settings": result._settings, "data": result._whole()}
     text = {name: strip(part, name) for name, part in parts.items()}
     text |= {"format": FORMAT, "seeds": list(result._seeds)}
     with open(path, "wb") as file:
@@ -93,7 +93,10 @@ def save_exr(result: "Result", path: str | PathLike[str], camera: "Camera | None
 
 
 def to_xarray(result: "Result") -> Any:
-    """The voxel arrays and the image of a result as an `xarray.Dataset` with units."""
+    """The voxel arrays and the image of a result as an `xarray.Dataset` with units.
+
+    Of a density that was a DataArray, the axes have its names, coordinates and unit of length.
+    """
     try:
         import xarray
     except ImportError as error:
@@ -101,23 +104,29 @@ def to_xarray(result: "Result") -> Any:
     outputs, errors = result._settings["outputs"], result._settings["errors"]
     channel = ("channel",) if result.plan.channels == 3 else ()
     suffixes = ("", "_error") if errors else ("",)
+    frame = result._scene.get("frame") or {"dims": ("z", "y", "x"), "coordinates": None}
+    dims, length = frame["dims"], frame.get("unit") or "length"
     variables: dict[str, Any] = {}
     for name, unit in QUANTITIES.items():
         if ("fluence" if name == "absorbed" else name) in outputs:
             for suffix in suffixes:
                 values = getattr(result, name + suffix)
-                variables[name + suffix] = (("z", "y", "x", *channel), values, {"units": unit})
+                attributes = {"units": unit.replace("length", length)}
+                variables[name + suffix] = ((*dims, *channel), values, attributes)
     if "image" in outputs:
-        dims, units = ("row", "column", *channel), {"units": QUANTITIES["radiance"]}
-        variables["image"] = (dims, result.image(), units)
-        variables["alpha"] = (dims, result.alpha(), {"units": "1"})
+        units = {"units": QUANTITIES["radiance"].replace("length", length)}
+        variables["image"] = (("row", "column", *channel), result.image(), units)
+        variables["alpha"] = (("row", "column", *channel), result.alpha(), {"units": "1"})
     coordinates: dict[str, Any] = {"channel": list("RGB")} if channel else {}
-    for name, (lower, _), n, step in zip(
-        "zyx",
-        box_ends(result),
-        result._scene["density"].shape,
-        result._scene["spacing"],
-        strict=True,
-    ):
-        coordinates[name] = (name, lower + (np.arange(n) + 0.5) * step, {"units": "length"})
+    centres = frame["coordinates"] or [
+        lower + (np.arange(n) + 0.5) * step
+        for (lower, _), n, step in zip(
+            box_ends(result),
+            result._scene["density"].shape,
+            result._scene["spacing"],
+            strict=True,
+        )
+    ]
+    for name, values in zip(dims, centres, strict=True):
+        coordinates[name] = (name, values, {"units": length})
     return xarray.Dataset(variables, coordinates, {"mcrt": str(result)})

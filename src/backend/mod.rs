@@ -1,5 +1,6 @@
 //! What runs a plan: the CPU, or a GPU.
 
+pub mod bias;
 pub mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;

@@ -1,5 +1,6 @@
 //! How a plan runs, whatever on: light grids, photons batch by batch until it is enough, and the sum of it all.
 
+use super::bias::Truth;
 use super::cpu::emit::Emitter;
 use super::cpu::light::Illumination;
 use super::cpu::shoot::{Energies, total};
@@ -10,7 +11,7 @@ use super::shot::{Shot, fold};
 use super::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{Column, LightPlan, Plan, cost};
-use crate::result::{Outcome, Stopped};
+use crate::result::{Energy, Order0, Outcome, Stopped};
 use crate::scene::field::Occupancy;
 use crate::scene::{Light, Scene};
 use crate::tally::Bins;
@@ -90,6 +91,8 @@ fn run_here(
         _ => Shot::new(plan, total(&emitters.iter().map(|e| e.powers).collect::<Vec<_>>())),
     };
     let mut unfinished = None;
+    let truth = Truth::trace(plan)?;
+    let mut order0 = None;
     if plan.shoots() && !emitters.is_empty() {
         let shooting = || -> Result<Box<dyn Shooter + '_>> {
             Ok(match device {
@@ -98,7 +101,13 @@ fn run_here(
                 Device::Gpu(gpu) => Box::new(gpu::shoot::Shooting::new(gpu, plan, &emitters)?),
             })
         };
-        let error = |shot: &mut Shot| settle::relative_error(plan, device, &views, shot, occupancy, control);
+        let error = |shot: &mut Shot| {
+            let (noise, bias) = settle::relative_error(plan, device, &views, shot, &mut order0, occupancy, control)?;
+            match truth.as_ref().filter(|_| plan.over_pixels()) {
+                Some(truth) => Ok((noise, truth.bias(plan, device, &views, shot, occupancy, control)?.size)),
+                None => Ok((noise, bias)),
+            }
+        };
         let ended = shooting().and_then(|mut shooter| batches(plan, &mut *shooter, error, control, &mut shot));
         match ended {
             Err(why @ Error::DeviceLost(_)) if shot.batches > 0 => {
@@ -110,7 +119,15 @@ fn run_here(
     }
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
-    let mut outcome = settle::settle(plan, &views, shot, device, control)?;
+    let bias = match truth.filter(|_| unfinished.is_none()) {
+        Some(truth) => Some(truth.bias(plan, device, &views, &shot, occupancy, control)?),
+        None => None,
+    };
+    let mut outcome = settle::settle(plan, &views, shot, order0);
+    if control.stopped() {
+        return Err(Error::Interrupted);
+    }
+    outcome.warnings.extend(bias.and_then(|bias| bias.warning(plan)));
     drop(views);
     outcome.columns = plan
         .lights
@@ -120,6 +137,19 @@ fn run_here(
         .collect();
     outcome.seconds = [light_seconds, photon_seconds, control.seconds() - light_seconds - photon_seconds];
     Ok((outcome, unfinished))
+}
+
+/// What unscattered light adds to the outcome of a run of the plan, and to its energy balance where that lacks it.
+pub fn order0(
+    plan: &Plan,
+    occupancy: Option<&Occupancy>,
+    device: &Device,
+    control: &Control,
+    energy: Option<Energy>,
+) -> Result<Order0> {
+    let columns = light_grids(plan, occupancy, control);
+    let views = illuminations(plan.scene, occupancy, plan.lights.iter().map(|l| l.column), &columns);
+    Ok(settle::order0(plan, settle::direct(plan, &views, device, control)?, energy))
 }
 
 /// The light grids of the lights that need them; the sweep that finds them is linear in the voxels, and the same for all
@@ -156,7 +186,7 @@ pub fn illuminations<'a>(
 fn batches(
     plan: &Plan,
     shooter: &mut dyn Shooter,
-    error: impl Fn(&mut Shot) -> Result<(f64, f64)>,
+    mut error: impl FnMut(&mut Shot) -> Result<(f64, f64)>,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()> {

@@ -90,7 +90,7 @@ fn single_on(plan: &Plan, views: &[Option<Illumination>], device: &Device, contr
 }
 
 /// Whether a light shoots no photons: the quadrature then says what collides of it.
-fn quiet(plan: &Plan) -> bool {
+pub fn quiet(plan: &Plan) -> bool {
     plan.lights.iter().any(|l| l.emission == Emission::Nothing)
 }
 

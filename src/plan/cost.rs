@@ -47,6 +47,10 @@ pub fn memory(plan: &Plan) -> Memory {
         ("light grids", nodes * 4 * grids),
         ("first collisions", voxels * 4 * first),
         ("image sums", sums),
+        (
+            "unscattered light",
+            if plan.judges_fluence() { values * 4 * (1 + u64::from(plan.settings.radiance)) } else { 0 },
+        ),
         ("results", values * 4 * (wants_fluence * 2 + wants_source * (2 + plan.width() as u64))),
     ];
     if plan.settings.adapter.is_some() {
@@ -231,9 +235,11 @@ pub fn seconds(plan: &Plan) -> f64 {
     let threads = threads(plan.settings.threads) as f64;
     let side = volume.n().iter().map(|&m| m as f64).fold(0.0, f64::max);
     let grids = light_grids(plan) as f64;
+    // Unscattered light in voxels is found with the run only if that judges their error.
     let points: f64 = plan
         .lights
         .iter()
+        .filter(|_| plan.judges_fluence())
         .map(|l| match (l.direct, l.column) {
             (Direct::Quadrature { points, rays: true }, _) => (points * points * points) as f64,
             (Direct::Quadrature { .. }, Column::Rays) => 1.0,

@@ -1,8 +1,8 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
 use super::{Column, Connection, Direct, Emission, LightPlan, Method, Settings};
-use crate::scene::Light;
 use crate::scene::medium::Emission as Glow;
+use crate::scene::{Camera, Light};
 
 /// A decision with its reason, as EXPLAIN prints them.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +34,13 @@ impl Explain {
             (None, false) => ("cpu".into(), "no GPU was found (a software adapter is taken only if asked for)"),
         };
         self.push("backend", choice, reason.into());
+    }
+
+    pub fn camera(&mut self, camera: &Camera) {
+        if let Some(axis) = camera.up_stand_in() {
+            let reason = "the view is along the up that was given; this is the axis that it is least along";
+            self.push("camera", format!("up is +{axis}"), reason.into());
+        }
     }
 
     pub fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {
@@ -94,8 +101,14 @@ impl Explain {
                 "a voxel's optical depth is at most {depth:.3}{}",
                 match light {
                     Light::Point { .. } | Light::Directional { .. } if plan.interpolation_error > 0.0 => format!(
-                        ", interpolating the light grid would err by {:.2} % in the image",
-                        100.0 * plan.interpolation_error
+                        ", interpolating the light grid would err by {:.2} % in the image{}",
+                        100.0 * plan.interpolation_error,
+                        if plan.fine() {
+                            let error = 100.0 * plan.fine_error;
+                            format!(", between two nodes per voxel, as large pictures do, by {error:.2} %")
+                        } else {
+                            String::new()
+                        }
                     ),
                     _ => String::new(),
                 }

@@ -1,6 +1,6 @@
 //! What the plan decides for each light: where its photons start, and how its unscattered light is found.
 
-use super::probe::interpolation_error;
+use super::probe::{fine_error, interpolation_error};
 use crate::scene::{Light, Scene};
 
 /// Where the photons of a light start.
@@ -50,8 +50,18 @@ pub struct LightPlan {
     pub column: Column,
     /// Relative error of an order 1 image if that were interpolated.
     pub interpolation_error: f64,
+    /// The same with two nodes per voxel, for light rays in pictures.
+    pub fine_error: f64,
     /// Whether first collisions are weighed with the interpolated depth.
     pub interpolated_starts: bool,
+}
+
+impl LightPlan {
+    /// Whether pictures may interpolate the optical depth between two nodes per voxel, where light rays to all of these are
+    /// fewer than to each sample.
+    pub fn fine(&self) -> bool {
+        self.column == Column::Rays && 0.0 < self.fine_error && self.fine_error <= INTERPOLATION_ERROR
+    }
 }
 
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
@@ -73,6 +83,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool,
             direct: Direct::Sampled,
             column: Column::Grid,
             interpolation_error: 0.0,
+            fine_error: 0.0,
             interpolated_starts: false,
         },
         Light::Pencil { .. } => LightPlan {
@@ -80,6 +91,7 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool,
             direct: Direct::Beam,
             column: Column::Rays,
             interpolation_error: 0.0,
+            fine_error: 0.0,
             interpolated_starts: false,
         },
         Light::Point { .. } | Light::Directional { .. } => {
@@ -96,10 +108,11 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool,
             let constant = volume.is_constant();
             let interpolation_error = if constant { 0.0 } else { interpolation_error(scene, light) };
             let rays = constant || interpolation_error > INTERPOLATION_ERROR;
+            let fine_error = if rays && !constant { fine_error(scene, light) } else { 0.0 };
             let column = if rays { Column::Rays } else { Column::Grid };
             let direct = choose_quadrature(depth, volume.voxels(), constant, voxels);
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;
-            LightPlan { emission, direct, column, interpolation_error, interpolated_starts }
+            LightPlan { emission, direct, column, interpolation_error, fine_error, interpolated_starts }
         }
     }
 }

@@ -3,6 +3,7 @@
 
 mod angular;
 pub mod cost;
+mod dense;
 mod explain;
 mod lights;
 pub mod majorant;
@@ -95,6 +96,8 @@ pub struct Plan<'a> {
     pub subvolumes: usize,
     /// The relative error that stops the run.
     pub target_error: Option<f64>,
+    /// The optical depth of the voxels that are seen, if pictures of photons kept in them are wrong by what paths can tell.
+    pub dense: Option<f64>,
     /// Estimated seconds.
     pub seconds: f64,
     /// Estimated photons per second.
@@ -118,12 +121,24 @@ impl<'a> Plan<'a> {
         let depth = voxel_depth(scene);
         let scatters = medium.max_albedo() > 0.0 && medium.max_sigma_t() > 0.0;
         let target_error = match (settings.target_error, settings.photons.or(settings.spp), settings.time_limit) {
-            (None, None, None) => Some(0.02),
+            (None, None, None) => Some(TARGET),
             (target, ..) => target,
         };
 
         why.device(settings);
-        let method = choose_method(scene, settings, target_error, scatters, &mut why)?;
+        if settings.image {
+            why.camera(&scene.camera);
+        }
+        let dense = dense::depth(scene, settings, scatters);
+        let method = choose_method(scene, settings, target_error, (scatters, dense), &mut why)?;
+        let dense = dense.filter(|_| method == Method::Photon);
+        if let Some(depth) = dense {
+            why.push(
+                "voxels",
+                "a picture is held against paths, which have no voxels".into(),
+                format!("those that are seen are {depth:.2} mean free paths thick"),
+            );
+        }
         if method == Method::Path && settings.angular != Angular::Eye {
             return scene_error(
                 "angular is for method = \"photon\": paths are traced for one camera, and keep nothing else",
@@ -278,6 +293,7 @@ impl<'a> Plan<'a> {
             batches,
             subvolumes,
             target_error,
+            dense,
             seconds: 0.0,
             photons_per_second,
             memory: Memory::default(),
@@ -351,6 +367,17 @@ impl<'a> Plan<'a> {
         self.settings.fluence || self.settings.radiance || self.subvolumes == 0
     }
 
+    /// Whether a target error is meant for pixels, not for voxels.
+    pub fn over_pixels(&self) -> bool {
+        self.subvolumes > 0 && !(self.settings.over_voxels && self.settings.fluence)
+    }
+
+    /// Whether the run looks at the error of the fluence while it goes on, for which it needs that of unscattered light.
+    pub fn judges_fluence(&self) -> bool {
+        let looks = self.target_error.is_some() && self.batches.is_none();
+        looks && self.settings.fluence && !self.over_pixels()
+    }
+
     /// Whether in-scattered radiance is estimated (for images or the voxels' radiance).
     pub fn wants_source(&self) -> bool {
         self.orders > 0 && (self.settings.radiance || self.settings.image)
@@ -364,11 +391,14 @@ fn voxel_depth(scene: &Scene) -> f64 {
     scene.medium.max_sigma_t() * h
 }
 
+/// The relative error of a run without a budget.
+const TARGET: f64 = 0.02;
+
 fn choose_method(
     scene: &Scene,
     settings: &Settings,
     target_error: Option<f64>,
-    scatters: bool,
+    (scatters, dense): (bool, Option<f64>),
     why: &mut Explain,
 ) -> Result<Method> {
     let medium = &scene.medium;
@@ -396,6 +426,9 @@ fn choose_method(
         (None, _) if settings.spp.is_some() => (Method::Path, "spp is given".into()),
         (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => {
             (Method::Single, format!("orders >= 2 are below {beyond:.1e} of order 1, the target is {target}"))
+        }
+        (None, target) if dense::takes_paths(dense, settings, target.unwrap_or(TARGET)) => {
+            (Method::Path, format!("voxels that are seen are {:.2} mean free paths thick", dense.unwrap_or(0.0)))
         }
         (None, _) => (Method::Photon, format!("orders >= 2 may reach {beyond:.2} of order 1")),
     };

@@ -91,6 +91,7 @@ pub(super) fn plan_light(scene: &Scene, settings: &Settings, light: &Light) -> R
         direct: Direct::Quadrature { points: 1, rays: true },
         column,
         interpolation_error,
+        fine_error: 0.0,
         interpolated_starts: false,
     };
     match light {

@@ -3,10 +3,14 @@
 use crate::error::Error;
 use crate::physics::Phase;
 use crate::plan::{Angular, Settings};
+use crate::result::{Energy, Share};
 use crate::scene::camera::Eye;
 use crate::scene::environment::Map;
-use crate::scene::{Albedo, Camera, Emission, Light, Medium, Scene, Spectrum, Volume};
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray3, PyReadonlyArray4, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use crate::scene::{Albedo, Camera, Emission, Light, Medium, Scene, Spectrum, Volume, Voxels};
+use numpy::{
+    PyArray1, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArray4,
+    PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySequence};
 
@@ -127,10 +131,12 @@ pub fn box_size(py: Python<'_>, shape: [usize; 3], spacing: [f64; 3], origin: [f
 
 /// The arrays of a scene while they are borrowed.
 pub struct Held<'py> {
-    density: PyReadonlyArray3<'py, f32>,
-    albedo: Option<PyReadonlyArray3<'py, f32>>,
+    /// (z, y, x)
+    pub density: PyReadonlyArray3<'py, f32>,
+    /// (z, y, x)
+    pub albedo: Option<PyReadonlyArray3<'py, f32>>,
     /// (channel, z, y, x)
-    emission: Option<PyReadonlyArray4<'py, f32>>,
+    pub emission: Option<PyReadonlyArray4<'py, f32>>,
 }
 
 impl<'py> Held<'py> {
@@ -143,6 +149,28 @@ impl<'py> Held<'py> {
             _ => None,
         };
         Ok(Held { density: get(scene, "density")?.extract::<PyReadonlyArray3<f32>>()?, albedo, emission })
+    }
+
+    /// Borrows the arrays of a scene.
+    pub fn of(
+        density: &Bound<'py, PyArray3<f32>>,
+        albedo: Option<&Bound<'py, PyArray3<f32>>>,
+        emission: Option<&Bound<'py, PyArray4<f32>>>,
+    ) -> PyResult<Self> {
+        Ok(Held {
+            density: density.try_readonly()?,
+            albedo: albedo.map(PyArrayMethods::try_readonly).transpose()?,
+            emission: emission.map(PyArrayMethods::try_readonly).transpose()?,
+        })
+    }
+
+    /// What the arrays hold.
+    pub fn voxels(&self) -> PyResult<Voxels<'_>> {
+        Ok(Voxels {
+            density: self.density.as_slice()?,
+            albedo: self.albedo.as_ref().map_or(Ok(&[][..]), |values| values.as_slice())?,
+            emission: self.emission.as_ref().map_or(Ok(&[][..]), |values| values.as_slice())?,
+        })
     }
 
     /// Parses the scene.
@@ -243,6 +271,8 @@ pub struct Stored<'py> {
     pub subvolumes: Option<Borrowed<'py>>,
     /// Column densities, one per light.
     pub columns: Vec<Option<Borrowed<'py>>>,
+    /// Whether large pictures interpolate columns between finer nodes, by light.
+    pub fine: Vec<bool>,
     /// Order of the spherical harmonics that J is given in.
     pub harmonics: Option<usize>,
     /// The camera that the run recorded for.
@@ -273,12 +303,15 @@ impl<'py> Stored<'py> {
             columns.push(if column.is_none() { None } else { Some(borrow(&column, "columns", &|len| len == nodes)?) });
         }
         columns.resize_with(scene.lights.len(), || None);
+        let mut fine: Vec<bool> = optional(dict, "fine")?.unwrap_or_default();
+        fine.resize(scene.lights.len(), false);
         Ok(Stored {
             source: item("source", &|len| len > 0 && len % values == 0)?,
             source0: item("source0", &|len| len > 0 && len % values == 0)?,
             subvolumes: item("subvolumes", &|len| len > 0 && len % values == 0)?,
             harmonics: optional(dict, "harmonics")?,
             columns,
+            fine,
             eye: camera(&get(dict, "eye")?)?,
         })
     }
@@ -287,6 +320,32 @@ impl<'py> Stored<'py> {
     pub fn replicates(&self) -> usize {
         self.subvolumes.as_ref().and_then(|s| s.0.shape().last().copied()).unwrap_or(0)
     }
+}
+
+/// An energy balance as a dictionary of arrays (channel).
+pub fn energy<'py>(py: Python<'py>, energy: &Energy, channels: usize) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
+    out.set_item("launched", by_channel(&energy.launched))?;
+    out.set_item("error", by_channel(&energy.error))?;
+    for (share, name) in Share::ALL {
+        out.set_item(name, by_channel(&energy.fractions[share.index()]))?;
+    }
+    Ok(out)
+}
+
+/// The energy balance in such a dictionary.
+pub fn energy_of(dict: &Bound<'_, PyDict>) -> PyResult<Energy> {
+    let by_channel = |name: &str| -> PyResult<[f64; 3]> {
+        let values = get(dict, name)?.extract::<PyReadonlyArray1<f64>>()?;
+        let values = values.as_array();
+        Ok(std::array::from_fn(|c| values.get(c).copied().unwrap_or(0.0)))
+    };
+    let mut energy = Energy { launched: by_channel("launched")?, error: by_channel("error")?, ..Energy::default() };
+    for (share, name) in Share::ALL {
+        energy.fractions[share.index()] = by_channel(name)?;
+    }
+    Ok(energy)
 }
 
 /// Refuses an eye that an anisotropic run was not recorded for.

@@ -2,25 +2,29 @@
 
 mod convert;
 mod machine;
+mod scene;
 mod watch;
 
 use crate::backend::Device;
 use crate::backend::cpu::angular::Towards;
-use crate::backend::cpu::gather::{Volumes, beams};
+use crate::backend::cpu::gather::{Volumes, beams, samples};
+use crate::backend::cpu::light::{Fine, Illumination};
 use crate::backend::cpu::{self, pixel_error};
 use crate::backend::run;
+use crate::backend::single::quiet;
 use crate::error::Error;
+use crate::error::Result;
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
-use crate::plan::{Column, Plan, cost};
-use crate::result::{Outcome, Share, Stopped};
-use crate::scene::field::Occupancy;
-use crate::scene::{Albedo, Camera};
-use convert::{Held, array, to_py};
+use crate::plan::{Column, LightPlan, Plan, Settings, cost};
+use crate::result::{Order0, Outcome, Stopped};
+use crate::scene::{Camera, Light};
+use convert::{array, to_py};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
+use scene::Prepared;
 
 /// The Rust core of mcrt.
 #[pymodule]
@@ -28,9 +32,11 @@ mod _mcrt {
     #[pymodule_export]
     use super::machine::{info, probe};
     #[pymodule_export]
+    use super::scene::Prepared;
+    #[pymodule_export]
     use super::{
         Unfinished, check_camera, check_light, check_phase, default_lights, framing_camera, gather, lose_device,
-        phase_eval, phase_sample, plan, simulate,
+        phase_eval, phase_sample, plan, simulate, unscattered,
     };
 }
 
@@ -112,12 +118,12 @@ fn default_lights<'py>(
 #[pyfunction]
 fn plan<'py>(
     py: Python<'py>,
-    scene: &Bound<'py, PyDict>,
+    scene: &Bound<'py, Prepared>,
     settings: &Bound<'py, PyDict>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (device, wish) = device(py, settings)?;
-    let held = Held::new(scene)?;
-    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?.on(&device, wish != "auto"));
+    let held = scene.get().hold(py)?;
+    let (scene, settings) = (scene.get().scene(&held)?, convert::settings(settings)?.on(&device, wish != "auto"));
     let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
     describe(py, &plan)
 }
@@ -139,14 +145,14 @@ fn device(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<(Device, Str
 #[pyo3(signature = (scene, settings, progress, before=None))]
 fn simulate<'py>(
     py: Python<'py>,
-    scene: &Bound<'py, PyDict>,
+    scene: &Bound<'py, Prepared>,
     settings: &Bound<'py, PyDict>,
     progress: Option<Bound<'py, PyAny>>,
     before: Option<&Bound<'py, Unfinished>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (device, wish) = device(py, settings)?;
-    let held = Held::new(scene)?;
-    let (scene, settings) = (held.scene(scene)?, convert::settings(settings)?.on(&device, wish != "auto"));
+    let held = scene.get().hold(py)?;
+    let (scene, settings) = (scene.get().scene(&held)?, convert::settings(settings)?.on(&device, wish != "auto"));
     let plan = py.detach(|| Plan::new(&scene, &settings)).map_err(|e| to_py(py, e))?;
     let before = before.map(|before| before.get().0.clone());
     let (outcome, unfinished) =
@@ -165,17 +171,66 @@ fn lose_device(py: Python<'_>, backend: &str) -> PyResult<()> {
     py.detach(|| Device::open(backend).map(|device| device.lose())).map_err(|e| to_py(py, e))
 }
 
-/// Images from what a run left in the voxels.
+/// What unscattered light adds to the arrays that a run left, and its energy balance, where `energy` lacks that light.
+#[pyfunction]
+fn unscattered<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, Prepared>,
+    settings: &Bound<'py, PyDict>,
+    energy: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let device = device_or_cpu(py, settings)?;
+    let scene = scene.get();
+    let held = scene.hold(py)?;
+    let parsed = scene.scene(&held)?;
+    // The run that this belongs to was let through.
+    let settings = Settings { force: true, ..convert::settings(settings)?.on(&device, true) };
+    let energy = energy.map(convert::energy_of).transpose()?;
+    let (order0, channels) = watch::run(py, None, None, |control| {
+        cpu::with_threads(settings.threads, || {
+            let plan = Plan::new(&parsed, &settings)?;
+            let occupancy = scene.occupancy(&parsed);
+            Ok((run::order0(&plan, occupancy, &device, control, energy)?, plan.channels))
+        })?
+    })?;
+    report_order0(py, order0, parsed.medium.volume.n(), channels)
+}
+
+/// Where what a run left is looked at: where there is no GPU, a result that was loaded is shown too.
+fn device_or_cpu(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<Device> {
+    let wish = convert::optional::<String>(settings, "backend")?.unwrap_or_else(|| "cpu".into());
+    match py.detach(|| Device::open(&wish)) {
+        Err(Error::NoAdapter(_)) => Ok(Device::Cpu),
+        device => device.map_err(|e| to_py(py, e)),
+    }
+}
+
+/// Order 0 as a dictionary of arrays.
+fn report_order0<'py>(py: Python<'py>, order0: Order0, n: [usize; 3], channels: usize) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    for (name, values) in [("fluence", order0.fluence), ("radiance", order0.radiance)] {
+        if let Some(values) = values {
+            out.set_item(name, array(py, values, &[n[2], n[1], n[0]], channels, 1)?)?;
+        }
+    }
+    if let Some(energy) = order0.energy {
+        out.set_item("energy", convert::energy(py, &energy, channels)?)?;
+    }
+    Ok(out)
+}
+
+/// Images from what a run left in the voxels; the standard error alone if it is the replicates' turn.
 #[pyfunction]
 fn gather<'py>(
     py: Python<'py>,
-    scene: &Bound<'py, PyDict>,
+    scene: &Bound<'py, Prepared>,
     volumes: &Bound<'py, PyDict>,
     camera: &Bound<'py, PyAny>,
     replicates: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let held = Held::new(scene)?;
-    let parsed = held.scene(scene)?;
+    let scene = scene.get();
+    let held = scene.hold(py)?;
+    let parsed = scene.scene(&held)?;
     let camera = convert::camera(camera)?;
     let stored = convert::Stored::new(volumes, &parsed)?;
     let threads: Option<usize> = convert::optional(volumes, "threads")?;
@@ -186,54 +241,62 @@ fn gather<'py>(
     {
         convert::same_eye(py, &camera, &stored.eye)?;
     }
-    // A result that was loaded is shown where there is no GPU, too.
-    let wish = convert::optional::<String>(volumes, "backend")?.unwrap_or_else(|| "cpu".into());
-    let device = match py.detach(|| Device::open(&wish)) {
-        Err(Error::NoAdapter(_)) => Device::Cpu,
-        device => device.map_err(|e| to_py(py, e))?,
-    };
+    let device = device_or_cpu(py, volumes)?;
     let k = if replicates { stored.replicates() } else { 0 };
-    let pixels = (camera.resolution[0] * camera.resolution[1]) as u64;
-    cost::check_image(pixels, (channels * (6 + k)) as u64).map_err(|e| to_py(py, e))?;
-    let occupancy = py.detach(|| Occupancy::new(&parsed.medium.volume));
-    let occupancy = occupancy.as_ref();
-    let columns: Vec<_> =
-        stored.columns.iter().map(|c| if c.is_some() { Column::Grid } else { Column::Rays }).collect();
+    let pixels = camera.resolution[0] * camera.resolution[1];
+    let numbers = if replicates { channels * (k + 1) } else { channels * 6 };
+    cost::check_image(pixels as u64, numbers as u64).map_err(|e| to_py(py, e))?;
     // Without a scattering no light is seen in the medium; and paths have seen it already.
     let dark = convert::optional::<u64>(volumes, "max_scatterings")? == Some(0)
         || convert::optional::<bool>(volumes, "transmitted_only")? == Some(true);
-    let lights = parsed
-        .lights
-        .iter()
-        .filter(|_| !dark)
-        .zip(&columns)
-        .zip(&stored.columns)
-        .filter_map(|((light, how), nodes)| {
-            cpu::light::Illumination::new(&parsed, occupancy, light, *how, nodes.as_ref().map(|c| c.slice()))
-        })
-        .collect();
-    let [source, source0] = [&stored.source, &stored.source0].map(|s| s.as_ref().map(|s| s.slice()));
-    let subvolumes = stored.subvolumes.as_ref().filter(|_| k > 0).map(|s| s.slice());
-    let harmonics = stored.harmonics;
-    // What one photon in each voxel would add to an opaque pixel, by channel.
-    let mut one_photon = convert::optional::<Vec<f64>>(volumes, "one_photon")?.unwrap_or_default();
-    one_photon.resize(channels, 0.0);
-    let albedo = match parsed.medium.albedo {
-        Albedo::Constant(albedo) => albedo.rgb,
-        Albedo::PerVoxel(_) => [parsed.medium.max_albedo(); 3],
-    };
-    one_photon.iter_mut().zip(albedo).for_each(|(one, albedo)| *one *= albedo);
-    let (picture, error, bias) = watch::run(py, None, None, |control| {
+    let columns: Vec<_> = stored.columns.iter().map(|c| c.as_ref().map(|c| c.slice())).collect();
+    let [source, source0, subvolumes] =
+        [&stored.source, &stored.source0, &stored.subvolumes].map(|s| s.as_ref().map(|s| s.slice()));
+    let (harmonics, fine) = (stored.harmonics, &stored.fine);
+    let shape = [camera.resolution[1], camera.resolution[0]];
+    let out = PyDict::new(py);
+    if replicates {
+        // What is found without photons has no noise: it is left out.
+        let Some(subvolumes) = subvolumes else { return Ok(out) };
+        let error = watch::run(py, None, None, |control| {
+            cpu::with_threads(threads, || {
+                let stop = || control.stopped();
+                let seen = harmonics
+                    .map(|order| device.contract(&Towards::new(&parsed, &camera, order), subvolumes, channels * k));
+                let seen = seen.transpose()?;
+                let volumes = Volumes {
+                    scene: &parsed,
+                    occupancy: scene.occupancy(&parsed),
+                    lights: Vec::new(),
+                    source: Some(seen.as_deref().unwrap_or(subvolumes)),
+                    source0: None,
+                    channels,
+                };
+                let picture = device.image(&volumes, &camera, None, channels * k, false, &stop)?;
+                Ok(pixel_error::spread(&picture.order2, k).1)
+            })?
+        })?;
+        out.set_item("error", array(py, error, &shape, channels, 1)?)?;
+        return Ok(out);
+    }
+    let picture = watch::run(py, None, None, |control| {
         cpu::with_threads(threads, || {
             let stop = || control.stopped();
+            let occupancy = scene.occupancy(&parsed);
+            let samples = samples(&parsed, &camera, pixels);
+            let view = |(at, light): (usize, &Light)| {
+                let column = if columns[at].is_some() { Column::Grid } else { Column::Rays };
+                let view = Illumination::new(&parsed, occupancy, light, column, columns[at])?;
+                let fine = fine[at] && matches!(device, Device::Cpu) && Fine::pays(&view, samples);
+                Some(if fine { scene.fine(at, &view, &stop).map(|fine| view.between(fine)) } else { Ok(view) })
+            };
+            let lights = parsed.lights.iter().enumerate().filter(|_| !dark).filter_map(view).collect::<Result<_>>()?;
             let toward = harmonics.map(|order| Towards::new(&parsed, &camera, order));
-            let seen = |values: Option<&'_ [f32]>, inner: usize| match (&toward, values) {
-                (Some(toward), Some(values)) => device.contract(toward, values, inner).map(Some),
+            let seen = |values: Option<&'_ [f32]>| match (&toward, values) {
+                (Some(toward), Some(values)) => device.contract(toward, values, channels).map(Some),
                 _ => Ok(None),
             };
-            let (own, own0, own_sub) =
-                (seen(source, channels)?, seen(source0, channels)?, seen(subvolumes, channels * k)?);
-            let source = own.as_deref().or(source);
+            let (own, own0) = (seen(source)?, seen(source0)?);
             let mut source0 = own0.or_else(|| source0.map(<[f32]>::to_vec));
             if let Some(beams) = beams(&parsed, &camera, channels).filter(|_| !dark) {
                 match &mut source0 {
@@ -241,39 +304,19 @@ fn gather<'py>(
                     None => source0 = Some(beams),
                 }
             }
+            let source = own.as_deref().or(source);
             let volumes = Volumes { scene: &parsed, occupancy, lights, source, source0: source0.as_deref(), channels };
-            let picture = device.image(&volumes, &camera, None, channels, true, &stop)?;
-            let error = match own_sub.as_deref().or(subvolumes) {
-                Some(source) => {
-                    let (lights, source) = (Vec::new(), Some(source));
-                    let each = Volumes { scene: &parsed, occupancy, lights, source, source0: None, channels };
-                    let spread = device.image(&each, &camera, None, channels * k, false, &stop)?.order2;
-                    let mut error = pixel_error::spread(&spread, k).1;
-                    pixel_error::unreached(&mut error, &spread, k, &picture.transmittance, &one_photon);
-                    Some(error)
-                }
-                None => None,
-            };
-            let bias = match source.filter(|_| replicates) {
-                Some(source) => Some(pixel_error::bias(&device, &volumes, source, &camera, None, &stop)?),
-                None => None,
-            };
-            Ok((picture, error, bias))
+            device.image(&volumes, &camera, None, channels, true, &stop)
         })?
     })?;
-    let shape = [camera.resolution[1], camera.resolution[0]];
-    let out = PyDict::new(py);
-    let empty = vec![0.0; picture.order1.len()];
-    out.set_item("background", array(py, picture.background, &shape, channels, 1)?)?;
-    out.set_item("emitted", array(py, picture.emitted, &shape, channels, 1)?)?;
-    out.set_item("order1", array(py, picture.order1, &shape, channels, 1)?)?;
-    out.set_item("order2", array(py, picture.order2, &shape, channels, 1)?)?;
-    out.set_item("transmittance", array(py, picture.transmittance, &shape, channels, 1)?)?;
-    if let Some(error) = error {
-        out.set_item("error", array(py, error, &shape, channels, 1)?)?;
-    }
-    if replicates {
-        out.set_item("bias", array(py, bias.unwrap_or(empty), &shape, channels, 1)?)?;
+    for (name, layer) in [
+        ("background", picture.background),
+        ("emitted", picture.emitted),
+        ("order1", picture.order1),
+        ("order2", picture.order2),
+        ("transmittance", picture.transmittance),
+    ] {
+        out.set_item(name, array(py, layer, &shape, channels, 1)?)?;
     }
     Ok(out)
 }
@@ -350,15 +393,14 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         }
     }
     out.set_item("columns", columns)?;
+    out.set_item("fine", plan.lights.iter().map(LightPlan::fine).collect::<Vec<_>>())?;
     if plan.paths.is_none() {
-        let energy = PyDict::new(py);
-        let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
-        energy.set_item("launched", by_channel(&outcome.energy.launched))?;
-        energy.set_item("error", by_channel(&outcome.energy.error))?;
-        for (share, name) in Share::ALL {
-            energy.set_item(name, by_channel(&outcome.energy.fractions[share.index()]))?;
-        }
-        out.set_item("energy", energy)?;
+        let name = if quiet(plan) { "balance" } else { "energy" };
+        out.set_item(name, convert::energy(py, &outcome.energy, channels)?)?;
+        out.set_item("order0", false)?;
+    }
+    if let Some(order0) = outcome.order0 {
+        out.set_item("unscattered", report_order0(py, order0, n, channels)?)?;
     }
     let stats = PyDict::new(py);
     stats.set_item("photons", outcome.photons)?;

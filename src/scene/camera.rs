@@ -26,6 +26,8 @@ pub struct Camera {
     forward: [f64; 3],
     right: [f64; 3],
     up: [f64; 3],
+    /// The axis that is up instead of what was given, where the view is along that.
+    stand_in: Option<usize>,
     projection: Projection,
     /// Image width and height in pixels.
     pub resolution: [usize; 2],
@@ -54,13 +56,15 @@ impl Camera {
         }
         let forward = direction(std::array::from_fn(|a| target[a] - origin[a]), &format!("{name}: target - origin"))?;
         let mut up = direction(up, &format!("{name}: up"))?;
+        let mut stand_in = None;
         if direction(cross(forward, up), "").is_err() || cross(forward, up).iter().all(|c| c.abs() < 1e-9) {
             // A view along `up` takes the axis that it is least along.
             let axis = (0..3).min_by(|&a, &b| forward[a].abs().total_cmp(&forward[b].abs())).unwrap_or(0);
             up = std::array::from_fn(|a| f64::from(u8::from(a == axis)));
+            stand_in = Some(axis);
         }
         let right = direction(cross(forward, up), &format!("{name}: up"))?;
-        Ok(Camera { origin, forward, right, up: cross(right, forward), projection, resolution })
+        Ok(Camera { origin, forward, right, up: cross(right, forward), stand_in, projection, resolution })
     }
 
     /// A pinhole at `origin`; `fov` in degrees along x, within (0, 180).
@@ -91,6 +95,11 @@ impl Camera {
         }
         let projection = Projection::Orthographic { half_width: 0.5 * width };
         Self::look("OrthographicCamera", origin, target, up, resolution, projection)
+    }
+
+    /// The name of the axis that is up, where the view is along the `up` that was given.
+    pub fn up_stand_in(&self) -> Option<&'static str> {
+        self.stand_in.map(|axis| ["x", "y", "z"][axis])
     }
 
     /// Origin and unit direction of the ray through (x, y) in pixels, (0, 0) at the upper left corner.
@@ -157,6 +166,13 @@ impl Camera {
             Projection::Perspective { .. } => Eye::Point(self.origin),
             Projection::Orthographic { .. } => Eye::Direction(self.forward.map(|c| -c)),
         }
+    }
+
+    /// The same view in no more than about `most` pixels.
+    pub fn coarse(&self, most: usize) -> Self {
+        let [width, height] = self.resolution.map(|m| m as f64);
+        let scale = (most as f64 / (width * height)).sqrt().min(1.0);
+        Camera { resolution: [width, height].map(|m| (m * scale).round().max(1.0) as usize), ..*self }
     }
 
     /// The width of a pixel at the given distance from the eye.

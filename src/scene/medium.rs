@@ -53,6 +53,13 @@ impl<'a> Emission<'a> {
         Ok(Emission { planes, sums })
     }
 
+    /// The same source term, with its values at another place in memory.
+    pub fn holding<'b>(&self, values: &'b [f32]) -> Emission<'b> {
+        let size = values.len() / self.planes.len();
+        let planes = (0..self.planes.len()).map(|c| &values[c * size..(c + 1) * size]).collect();
+        Emission { planes, sums: self.sums }
+    }
+
     /// 1, or 3 if it is RGB.
     pub fn channels(&self) -> usize {
         self.planes.len()
@@ -73,6 +80,17 @@ impl<'a> Emission<'a> {
     pub fn power(&self, volume: &Volume) -> [f64; 3] {
         self.sums.map(|sum| 4.0 * std::f64::consts::PI * sum * volume.voxel_volume())
     }
+}
+
+/// The arrays that a medium reads: empty where it has a number, or nothing, in their place.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Voxels<'a> {
+    /// Densities.
+    pub density: &'a [f32],
+    /// Albedos.
+    pub albedo: &'a [f32],
+    /// Planes of the source term.
+    pub emission: &'a [f32],
 }
 
 /// A participating medium in a voxel box.
@@ -125,6 +143,20 @@ impl<'a> Medium<'a> {
             ));
         }
         Ok(Medium { volume, extinction, albedo, phase, emission: None })
+    }
+
+    /// The same medium, with its voxels at another place in memory.
+    pub fn holding<'b>(&self, voxels: &Voxels<'b>) -> Medium<'b> {
+        Medium {
+            volume: self.volume.holding(voxels.density),
+            extinction: self.extinction,
+            albedo: match self.albedo {
+                Albedo::Constant(a) => Albedo::Constant(a),
+                Albedo::PerVoxel(_) => Albedo::PerVoxel(voxels.albedo),
+            },
+            phase: self.phase.clone(),
+            emission: self.emission.as_ref().map(|emission| emission.holding(voxels.emission)),
+        }
     }
 
     /// The same medium, which emits.

@@ -11,12 +11,13 @@ pub mod volume;
 
 pub use camera::Camera;
 pub use light::Light;
-pub use medium::{Albedo, Emission, Medium};
+pub use medium::{Albedo, Emission, Medium, Voxels};
 pub use ray::ViewRay;
 pub use volume::Volume;
 
 use crate::error::{Result, scene_error};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// One value, or one per colour channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,12 +63,21 @@ pub struct Scene<'a> {
     pub lights: Vec<Light>,
     /// The eye that anisotropic media are recorded towards.
     pub camera: Camera,
+    /// A number that no other scene has: devices know by it what they keep of one.
+    pub id: u64,
 }
 
 impl<'a> Scene<'a> {
     /// Assembles validated parts.
     pub fn new(medium: Medium<'a>, lights: Vec<Light>, camera: Camera) -> Self {
-        Scene { medium, lights, camera }
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        Scene { medium, lights, camera, id: NEXT.fetch_add(1, Relaxed) }
+    }
+
+    /// The same scene, with its voxels at another place in memory: so it is kept while nobody holds them.
+    pub fn holding<'b>(&self, voxels: &Voxels<'b>) -> Scene<'b> {
+        let medium = self.medium.holding(voxels);
+        Scene { medium, lights: self.lights.clone(), camera: self.camera, id: self.id }
     }
 
     /// 3 if anything is RGB, else 1.

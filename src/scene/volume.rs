@@ -53,6 +53,12 @@ impl<'a> Volume<'a> {
         Ok(Volume { density, n, spacing, origin, linear, ball: false, min, max, mean: sum / voxels as f64 })
     }
 
+    /// What is known of the volume, with its densities at another place in memory.
+    pub fn holding<'b>(&self, density: &'b [f32]) -> Volume<'b> {
+        let Volume { n, spacing, origin, linear, ball, min, max, mean, .. } = *self;
+        Volume { density, n, spacing, origin, linear, ball, min, max, mean }
+    }
+
     /// The densities, x fastest.
     pub fn density(&self) -> &'a [f32] {
         self.density

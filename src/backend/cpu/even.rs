@@ -14,6 +14,9 @@ use rayon::prelude::*;
 const STEP: f32 = 0.7;
 /// Optical depth of a voxel beyond which cells are walked.
 const DEEPEST: f64 = 0.25;
+/// Largest change of the depth towards a light from step to step: the midpoint rule is then right to 1 % where light
+/// comes in.
+const LIT_DEPTH: f32 = 0.5;
 /// A light nearer than this many steps to a ray is integrated by angle.
 const NEAR: f32 = 8.0;
 /// The isotropic phase function.
@@ -39,7 +42,7 @@ enum Extra {
 }
 
 impl Packed {
-    /// Packs the fields of a grey scene with at most one light, which must have a light grid, if `samples` lookups are
+    /// Packs the fields of a grey scene with at most one light, which must interpolate its columns, if `samples` lookups are
     /// worth it.
     pub fn new<const C: usize, const S: usize>(view: &View<C, S>, samples: f64) -> Option<Self> {
         let volumes = view.volumes;
@@ -50,8 +53,8 @@ impl Packed {
             return None;
         }
         let columns = match volumes.lights.first() {
-            Some(light) => light.nodes()?,
-            None => &[],
+            Some(light) if !light.is_fine() => light.nodes()?,
+            _ => &[],
         };
         let albedo = view.albedo.as_ref();
         let extra = match (volumes.source0, albedo) {
@@ -157,30 +160,31 @@ impl<const C: usize, const S: usize> View<'_, C, S> {
         })
     }
 
-    /// Sums along one ray in even steps.
+    /// Sums along one ray in even steps; `None` where the depth towards a light changes too much within one.
     #[inline(always)]
-    pub fn even(&self, ray: &Ray) -> Sums<C, S> {
+    pub fn even(&self, ray: &Ray) -> Option<Sums<C, S>> {
         let mut sums = Sums { order1: [0.0; C], source: [0.0; S], column: 0.0 };
         let per_length = self.steps_per_length(ray);
+        let mut smooth = true;
         self.field.runs(ray.p, ray.v, ray.length, |t0, t1| {
             let steps = (((t1 - t0) * per_length).ceil() as usize).max(1);
             let step = (t1 - t0) / steps as f32;
             let mut from = 0;
             while from < steps {
-                self.batch(&mut sums, ray, t0 + step * from as f32, step, B.min(steps - from));
+                smooth &= self.batch(&mut sums, ray, t0 + step * from as f32, step, B.min(steps - from));
                 from += B;
-                if sums.column * self.least_extinction > super::gather::OPAQUE {
+                if !smooth || sums.column * self.least_extinction > super::gather::OPAQUE {
                     return false;
                 }
             }
             true
         });
-        sums
+        smooth.then_some(sums)
     }
 
-    /// Adds `count` steps from `start` on.
+    /// Adds `count` steps from `start` on; false if the depth towards a light changes too much between two of them.
     #[inline(always)]
-    fn batch(&self, sums: &mut Sums<C, S>, ray: &Ray, start: f32, step: f32, count: usize) {
+    fn batch(&self, sums: &mut Sums<C, S>, ray: &Ray, start: f32, step: f32, count: usize) -> bool {
         let n = self.field.n();
         let mut s = Samples::<C> {
             p: [[0.0; 3]; B],
@@ -230,15 +234,20 @@ impl<const C: usize, const S: usize> View<'_, C, S> {
                 s.factor[c][i] = scale * mean * albedo[i] * s.density[i] * Real::exp(-self.extinction[c] * through[i]);
             }
         }
+        let mut smooth = true;
         for light in &self.volumes.lights {
-            if packed.is_none() {
+            if packed.is_none() || light.is_fine() {
                 for i in 0..count {
-                    s.column[i] = light.column(s.p[i], &light.incident(s.p[i]));
+                    s.column[i] = if s.density[i] > 0.0 { light.column_at(s.p[i]) } else { 0.0 };
                 }
             }
+            // Where there is nothing it does not matter.
+            let there = |i: usize| s.density[i] + s.density[i - 1] > 0.0;
+            smooth &= !(1..count).any(|i| there(i) && self.is_steep([s.column[i - 1], s.column[i]], LIT_DEPTH));
             self.lit_batch(&mut sums.order1, &s, light, ray.direction);
         }
         self.volume_batch(sums, &s, count);
+        smooth
     }
 
     /// Adds a light's order 1.

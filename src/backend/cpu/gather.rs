@@ -6,6 +6,8 @@
 
 mod backdrop;
 mod close;
+mod lit;
+mod outline;
 mod samples;
 
 use super::emitted::Glow;
@@ -17,13 +19,18 @@ use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
 pub use backdrop::Backdrop;
 use close::{Profile, close_light};
+pub use outline::Outline;
 use rayon::prelude::*;
-#[cfg(feature = "gpu")]
-pub use samples::rays_per_axis;
 use samples::samples_per_axis;
+#[cfg(feature = "gpu")]
+pub use samples::{Rays, point, rays, stride};
+#[cfg(not(feature = "gpu"))]
+use samples::{point, stride};
 
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;
+/// Steps of a cell at most: so many resolve what is seen of a density that grows from zero to 10^7 mean free paths.
+const MOST_STEPS: usize = 1 << 24;
 /// A ray ends where its transmittance is below exp(-this).
 pub(super) const OPAQUE: f32 = 12.0;
 
@@ -139,6 +146,12 @@ pub fn by_cells(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>) ->
     if volumes.channels == 1 { with::<1>(volumes, camera, pixels) } else { with::<3>(volumes, camera, pixels) }
 }
 
+/// Samples that the view rays of so many pixels take, about.
+pub fn samples(scene: &Scene, camera: &Camera, pixels: usize) -> f64 {
+    let rays = (pixels * samples_per_axis(scene, camera).pow(2)) as f64;
+    rays * scene.medium.volume.n().iter().sum::<usize>() as f64 / 3.0
+}
+
 /// The image of a view.
 pub(super) fn look<const C: usize, const S: usize>(
     mut view: View<C, S>,
@@ -157,11 +170,9 @@ pub(super) fn look<const C: usize, const S: usize>(
     };
     let fine = samples_per_axis(view.volumes.scene, camera);
     if view.even {
-        let rays = (count * fine * fine) as f64;
-        view.packed = Packed::new(&view, rays * view.field.n().map(f64::from).iter().sum::<f64>() / 3.0);
+        view.packed = Packed::new(&view, samples(view.volumes.scene, camera, count));
     }
-    let corners = pixels.is_none().then(|| view.corner_hits(camera));
-    let corners = corners.as_deref();
+    let outline = Outline::new(view.volumes.scene, camera);
     // Tiles along a row: neighbouring pixels read the same voxels.
     const TILE: usize = 32;
     image
@@ -177,9 +188,8 @@ pub(super) fn look<const C: usize, const S: usize>(
             }
             for at in 0..order1.len() / C {
                 let pixel = pixels.map_or(tile * TILE + at, |list| list[tile * TILE + at]);
-                let (x, y) = (pixel % width, pixel / width);
-                let hits = view.at_corners(camera, corners, (x, y));
-                let pixel = view.pixel(camera, (x as f64, y as f64), hits, fine);
+                let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
+                let pixel = view.pixel(camera, (x, y), &outline, fine);
                 let own = at * C..(at + 1) * C;
                 order1[own.clone()].copy_from_slice(&pixel.order1);
                 order2[at * S..(at + 1) * S].copy_from_slice(&pixel.source);
@@ -253,18 +263,20 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         View { glow: Glow::new(scene), backdrop: Backdrop::new(scene), ..self }
     }
 
-    /// The mean over the pixel with the upper left corner (x, y), of whose corners some meet the box.
+    /// The mean over the pixel with the upper left corner (x, y).
     #[inline(always)]
-    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), hits: [bool; 4], fine: usize) -> Pixel<C, S> {
+    fn pixel(&self, camera: &Camera, (x, y): (f64, f64), outline: &Outline, fine: usize) -> Pixel<C, S> {
         let centre = self.range(camera, x + 0.5, y + 0.5);
-        let n = self.rays_per_axis(camera, centre.as_ref(), hits, fine);
+        let rays = self.rays(camera, centre.as_ref(), outline.cover(x, y), fine);
+        let n = rays.per_axis;
         let finer = self.backdrop.as_ref().map_or(1, |backdrop| backdrop.samples(camera).div_ceil(n));
         let mut mean =
             Pixel { order1: [0.0; C], source: [0.0; S], through: [0.0; C], emitted: [0.0; C], background: [0.0; C] };
-        let weight = 1.0 / (n * n) as f32;
+        let stride = stride(n);
+        let weights = rays.covered.map(|area| outline.weights((x, y), area, n));
         for at in 0..n * n {
-            let part = |i: usize, offset: f64| (i as f64 + offset) / n as f64;
-            let (u, v) = (part(at % n, 0.5), part(at / n, 0.5));
+            let (u, v) = point(n, stride, at);
+            let weight = weights.as_ref().map_or(1.0 / (n * n) as f32, |weights| weights[at]);
             let mut through = [1.0f32; C];
             if let Some(mut ray) = if n == 1 { centre } else { self.range(camera, x + u, y + v) } {
                 ray.least_off /= n as f32;
@@ -279,7 +291,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             }
             (0..C).for_each(|c| mean.through[c] += weight * through[c]);
             if let Some(backdrop) = &self.backdrop {
-                let corner = (x + part(at % n, 0.0), y + part(at / n, 0.0));
+                let corner = (x + (at % n) as f64 / n as f64, y + (at / n) as f64 / n as f64);
                 let behind = backdrop.mean(camera, corner, 1.0 / n as f64, finer);
                 (0..C).for_each(|c| mean.background[c] += weight * through[c] * behind[c]);
             }
@@ -298,7 +310,8 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     /// Sums along one ray.
     #[inline(always)]
     fn ray(&self, ray: &Ray) -> Sums<C, S> {
-        if self.even && !self.passes_light(ray) { self.even(ray) } else { self.exact(ray) }
+        let even = if self.even && !self.passes_light(ray) { self.even(ray) } else { None };
+        even.unwrap_or_else(|| self.exact(ray))
     }
 
     /// Sums along one ray, cell by cell.
@@ -328,9 +341,12 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             return;
         }
         let depth = 0.5 * (s1 + s2) * length * self.most_extinction;
-        let steps = ((depth / STEP_DEPTH).ceil() as usize).clamp(1, 256);
+        let steps = ((depth / STEP_DEPTH).ceil() as usize).clamp(1, MOST_STEPS);
         let step = length / steps as f32;
         for i in 0..steps {
+            if sums.column * self.least_extinction > OPAQUE {
+                return;
+            }
             let start = t0 + step * i as f32;
             let (s1, s2) = if steps == 1 { (s1, s2) } else { (density(start + u1 * step), density(start + u2 * step)) };
             let profile = Profile { s1, slope: (s2 - s1) / (u2 - u1), step };
@@ -342,11 +358,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
             for light in &self.volumes.lights {
                 match close_light(light, self.h, along(ray.p, ray.v, start), ray.direction, step) {
                     Some(foot) => self.close(sums, light, foot, ray, start, &profile),
-                    None => {
-                        for (p, factor) in &nodes {
-                            self.lit(&mut sums.order1, factor, light, *p, ray.direction);
-                        }
-                    }
+                    None => self.lit(sums, light, &nodes, ray, start, &profile),
                 }
             }
             for (p, factor) in &nodes {
@@ -380,17 +392,6 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
         std::array::from_fn(|c| {
             self.extinction[c] * self.constant_albedo[c] * albedo * weight * (-self.extinction[c] * column).exp()
         })
-    }
-
-    /// Adds a light's order 1 at a node.
-    #[inline(always)]
-    fn lit(&self, sum: &mut [f32; C], factor: &[f32; C], light: &Illumination, p: V3, view: V3) {
-        let incident = light.incident(p);
-        let column = light.column(p, &incident);
-        let scattered = incident.falloff * self.toward_eye(&incident.direction, &view);
-        for c in 0..C {
-            sum[c] += factor[c] * light.value[c] * scattered * (-self.extinction[c] * column).exp();
-        }
     }
 
     /// P from the light's direction into that towards the eye, which is against the view ray.

@@ -1,11 +1,14 @@
 //! Unscattered light: where it comes from at a point, and what of it arrives there.
 
+mod fine;
+
 use super::track::enter;
 use crate::backend::Control;
 use crate::physics::flight::{mean_transmittance, rectangle_solid_angle};
 use crate::plan::{Column, points_for};
 use crate::scene::field::{Dda, Field, Occupancy, V3, along};
 use crate::scene::{Light, Scene};
+pub use fine::Fine;
 use rayon::prelude::*;
 
 /// Nodes and weights of Gauss-Legendre quadrature on [0, 1] with 1 to 4 points.
@@ -55,6 +58,7 @@ pub struct Illumination<'a> {
     field: Field<'a>,
     h: V3,
     nodes: Option<&'a [f32]>,
+    fine: Option<&'a Fine>,
     rays: bool,
     enough: f32,
     /// Column density that light can meet within one voxel.
@@ -87,11 +91,23 @@ impl<'a> Illumination<'a> {
             field: Field::density(volume).skipping(occupancy),
             h: h.map(|c| c as f32),
             nodes,
+            fine: None,
             rays: column == Column::Rays || nodes.is_none(),
             reach: volume.max() * h.iter().map(|h| h * h).sum::<f64>().sqrt() as f32,
             // What is behind 40 mean free paths is dark, in all channels.
             enough: (40.0 / scene.medium.extinction.rgb.iter().fold(f64::INFINITY, |m, &e| m.min(e))) as f32,
         })
+    }
+
+    /// The same view, which interpolates columns between finer nodes.
+    pub fn between(self, fine: &'a Fine) -> Self {
+        Illumination { fine: Some(fine), ..self }
+    }
+
+    /// Whether columns are interpolated between finer nodes than those of the light grid.
+    #[inline(always)]
+    pub fn is_fine(&self) -> bool {
+        self.fine.is_some()
     }
 
     /// Direction and falloff at a point.
@@ -124,9 +140,20 @@ impl<'a> Illumination<'a> {
     /// The column density between the light and a point: interpolated, or by a light ray where that would be wrong.
     #[inline(always)]
     pub fn column(&self, p: V3, incident: &Incident) -> f32 {
-        match self.nodes {
-            Some(nodes) if !self.rays && !self.is_near(p) => interpolate_nodes(nodes, self.field.n(), p),
+        match (self.nodes, self.fine) {
+            _ if self.is_near(p) => self.ray(p, incident),
+            (_, Some(fine)) => fine.at(p),
+            (Some(nodes), None) if !self.rays => interpolate_nodes(nodes, self.field.n(), p),
             _ => self.ray(p, incident),
+        }
+    }
+
+    /// The column density between the light and a point that holds any density.
+    #[inline(always)]
+    pub fn column_at(&self, p: V3) -> f32 {
+        match self.fine {
+            Some(fine) if !self.is_near(p) => fine.at(p),
+            _ => self.column(p, &self.incident(p)),
         }
     }
 

@@ -19,16 +19,6 @@ pub fn spread(values: &[f32], k: usize) -> (Vec<f32>, Vec<f32>) {
         .unzip()
 }
 
-/// Where no replicate holds anything they do not tell the error: it is that of one photon in each voxel that is seen, the
-/// opacity times `one` (by channel). The replicate is fastest in `values`, the channel in all else.
-pub fn unreached(errors: &mut [f32], values: &[f32], k: usize, transmittance: &[f32], one: &[f64]) {
-    errors.par_iter_mut().zip(values.par_chunks(k)).enumerate().for_each(|(at, (error, list))| {
-        if list.iter().all(|&value| value == 0.0) {
-            *error = (f64::from(1.0 - transmittance[at]) * one[at % one.len()]) as f32;
-        }
-    });
-}
-
 /// The estimated bias of orders >= 2 in each pixel. The mean over a voxel adds h^2/24 of each second derivative to J, and
 /// linear interpolation h^2/12 more on average: together what one pass of (1/8, 6/8, 1/8) along each axis adds. So the
 /// image of the smoothed volume less that of the volume is the bias, to second order.

@@ -7,11 +7,11 @@ use super::light::{Illumination, beam, unscattered};
 use super::pixel_error;
 use super::shoot::LocalEye;
 use crate::backend::shot::{Shot, of_one_photon, per_unit, source_of_one_photon};
-use crate::backend::single::{Single, albedo_of, cosine, single};
+use crate::backend::single::{Single, albedo_of, cosine, quiet, single};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{Emission, Plan};
-use crate::result::{Energy, Outcome, Share};
+use crate::result::{Energy, Order0, Outcome, Share};
 use crate::scene::field::Occupancy;
 use crate::scene::{Albedo, Light};
 use crate::tally::Moments;
@@ -20,31 +20,24 @@ use rayon::prelude::*;
 /// 1 / (4 pi).
 const PER_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
 
-/// Sums up a run.
-pub fn settle(
-    plan: &Plan,
-    views: &[Option<Illumination>],
-    mut shot: Shot,
-    device: &Device,
-    control: &Control,
-) -> Result<Outcome> {
+/// Sums up what the photons of a run left; `direct` is what unscattered light leaves, if that was looked for.
+pub fn settle(plan: &Plan, views: &[Option<Illumination>], mut shot: Shot, direct: Option<Single>) -> Outcome {
     let channels = plan.channels;
     let values = plan.scene.medium.volume.voxels() * channels;
-    let energy = balance(plan, views, &shot);
-    let direct = direct(plan, views, device, control)?;
-    let energy = close(plan, energy, &direct);
+    let mut energy = balance(plan, views, &shot);
+    if !quiet(plan) {
+        energy = in_fractions(plan, energy);
+    }
+    let order0 = direct.map(|direct| order0(plan, direct, quiet(plan).then(|| energy.clone())));
     let count = shot.batches;
     let tallied = !plan.layers.is_empty() && count > 0;
 
     let fluence = plan.settings.fluence.then(|| {
-        let mut mean = direct.fluence;
+        let mut mean = vec![0.0; values];
         let mut error = vec![0.0; values];
         if tallied {
             let unit = per_unit(plan, shot.powers);
-            let (tallied, spread) =
-                shot.fluence.settle(&unit[..channels], &of_one_photon(plan, &shot)[..channels], count);
-            mean.par_iter_mut().zip(&tallied).for_each(|(m, x)| *m += x);
-            error = spread;
+            (mean, error) = shot.fluence.settle(&unit[..channels], &of_one_photon(plan, &shot)[..channels], count);
         }
         (mean, error)
     });
@@ -76,20 +69,10 @@ pub fn settle(
     shot.source = Moments::default();
 
     let radiance = plan.settings.radiance.then(|| {
-        let mut mean = direct.source;
-        if let Some(j) = &seen {
-            mean.par_iter_mut().zip(j).for_each(|(m, x)| *m += x);
-        }
+        let mut mean = seen.clone().unwrap_or_else(|| vec![0.0; values]);
         let mut error = seen_error;
-        let albedo = |at: usize| match plan.scene.medium.albedo {
-            Albedo::Constant(a) => a.rgb[at % channels] as f32,
-            Albedo::PerVoxel(a) => a[at / channels],
-        };
-        mean.par_iter_mut().zip(error.par_iter_mut()).enumerate().for_each(|(at, (m, e))| {
-            let albedo = albedo(at);
-            *m *= albedo;
-            *e = if albedo > 0.0 { *e * albedo } else { 0.0 };
-        });
+        reflect(plan, &mut mean);
+        reflect(plan, &mut error);
         (mean, error)
     });
 
@@ -110,7 +93,7 @@ pub fn settle(
     if plan.shoots() && count == 1 {
         warnings.push("one batch of photons only: standard errors are not known (infinite)".into());
     }
-    Ok(Outcome {
+    Outcome {
         pixels: None,
         fluence,
         radiance,
@@ -122,13 +105,49 @@ pub fn settle(
         one_photon,
         columns: Vec::new(),
         energy,
+        order0,
         photons: shot.photons,
         collisions: shot.energies.iter().map(|e| e.0.collisions).sum(),
         batches: count,
         seconds: [0.0; 3],
         stopped: shot.stopped,
         warnings,
-    })
+    }
+}
+
+/// J towards the eye as the radiance that each voxel reflects; what is infinite stays so only where anything is reflected.
+fn reflect(plan: &Plan, values: &mut [f32]) {
+    let albedo = |at: usize| match plan.scene.medium.albedo {
+        Albedo::Constant(a) => a.rgb[at % plan.channels] as f32,
+        Albedo::PerVoxel(a) => a[at / plan.channels],
+    };
+    values.par_iter_mut().enumerate().for_each(|(at, value)| {
+        let albedo = albedo(at);
+        *value = if albedo > 0.0 { *value * albedo } else { 0.0 };
+    });
+}
+
+/// What unscattered light adds to a run: to the voxels, and to an energy balance in watts that lacks what collides of
+/// lights without photons.
+pub fn order0(plan: &Plan, direct: Single, energy: Option<Energy>) -> Order0 {
+    let energy = energy.map(|mut energy| {
+        for (light, sums) in plan.lights.iter().zip(&direct.collided) {
+            if light.emission == Emission::Nothing {
+                for c in 0..plan.channels {
+                    energy.fractions[Share::Absorbed.index()][c] += sums[0][c];
+                    energy.fractions[Share::Truncated.index()][c] += sums[1][c];
+                }
+            }
+        }
+        in_fractions(plan, energy)
+    });
+    let mut radiance = direct.source;
+    reflect(plan, &mut radiance);
+    Order0 {
+        fluence: plan.settings.fluence.then_some(direct.fluence),
+        radiance: plan.settings.radiance.then_some(radiance),
+        energy,
+    }
 }
 
 impl Shot {
@@ -175,7 +194,7 @@ fn interleaved(sums: &[Vec<f32>], batches: &[u64]) -> Vec<f32> {
 }
 
 /// The deterministic part: what unscattered light leaves in the voxels.
-fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
+pub fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control: &Control) -> Result<Single> {
     let scene = plan.scene;
     let volume = &scene.medium.volume;
     let (channels, n) = (plan.channels, volume.n());
@@ -209,7 +228,7 @@ fn direct(plan: &Plan, views: &[Option<Illumination>], device: &Device, control:
             }
         });
     }
-    if control.stopped() && !plan.shoots() {
+    if control.stopped() {
         return Err(Error::Interrupted);
     }
     Ok(found)
@@ -280,25 +299,17 @@ fn balance(plan: &Plan, views: &[Option<Illumination>], shot: &Shot) -> Energy {
     energy
 }
 
-/// Adds what collides of lights without photons, and turns watts into fractions.
-fn close(plan: &Plan, mut energy: Energy, direct: &Single) -> Energy {
-    for (light, sums) in plan.lights.iter().zip(&direct.collided) {
-        if light.emission == Emission::Nothing {
-            for c in 0..plan.channels {
-                energy.fractions[Share::Absorbed.index()][c] += sums[0][c];
-                energy.fractions[Share::Truncated.index()][c] += sums[1][c];
-            }
-        }
-    }
+/// Turns the shares of the energy from watts into fractions of what is launched.
+fn in_fractions(plan: &Plan, mut energy: Energy) -> Energy {
     for c in 0..plan.channels {
         let launched = energy.launched[c];
         if launched > 0.0 {
-            let sum: f64 = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum();
             for share in &mut energy.fractions {
                 share[c] /= launched;
             }
-            // What the balance misses is an error that is known.
-            energy.error[c] = (energy.error[c] / launched).max((sum / launched - 1.0).abs());
+            // What the balance misses is an error that is known: to the last bit the user's own sum.
+            let sum: f64 = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum();
+            energy.error[c] = (energy.error[c] / launched).max((sum - 1.0).abs());
         } else {
             energy.fractions.iter_mut().for_each(|share| share[c] = 0.0);
             energy.error[c] = 0.0;
@@ -307,12 +318,14 @@ fn close(plan: &Plan, mut energy: Energy, direct: &Single) -> Energy {
     energy
 }
 
-/// The relative noise and bias that `target_error` bounds together, as they stand.
+/// The relative noise and bias that `target_error` bounds together, as they stand; over voxels they take order 0,
+/// which is found once.
 pub fn relative_error(
     plan: &Plan,
     device: &Device,
     views: &[Option<Illumination>],
     shot: &mut Shot,
+    order0: &mut Option<Single>,
     occupancy: Option<&Occupancy>,
     control: &Control,
 ) -> Result<(f64, f64)> {
@@ -320,28 +333,24 @@ pub fn relative_error(
     if plan.layers.is_empty() || shot.batches < 2 {
         return Ok((0.0, 0.0));
     }
-    let over_pixels = plan.subvolumes > 0 && !(plan.settings.over_voxels && plan.settings.fluence);
-    if !over_pixels {
+    if !plan.over_pixels() {
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
-        let direct = if !shot.fluence.mean.is_empty() && plan.settings.fluence {
-            direct(plan, views, device, control)?.fluence
-        } else {
-            vec![0.0; moments.mean.len()]
-        };
         let unit = per_unit(plan, shot.powers);
         let (mut values, errors) = moments.settle(&unit[..channels], &of_one_photon(plan, shot)[..channels], count);
-        values.par_iter_mut().zip(&direct).for_each(|(value, direct)| *value += direct);
+        if !shot.fluence.mean.is_empty() && plan.settings.fluence {
+            let found = match order0 {
+                Some(found) => found,
+                none => none.insert(direct(plan, views, device, control)?),
+            };
+            values.par_iter_mut().zip(&found.fluence).for_each(|(value, order0)| *value += order0);
+        }
         return Ok(pixel_error::relative(&values, &errors, None, channels));
     }
     let camera = &plan.scene.camera;
     let pixels = pixel_sample(camera.resolution);
     let lights: Vec<Illumination> = views.iter().flatten().cloned().collect();
-    let k = plan.subvolumes;
-    let mut means = interleaved(&shot.subvolumes, &shot.subvolume_batches);
-    if let Some(order) = plan.harmonics.filter(|_| plan.width() > 1) {
-        means = device.contract(&Towards::new(plan.scene, camera, order), &means, channels * k)?;
-    }
+    let Some((means, k)) = replicates_seen(plan, device, shot)? else { return Ok((0.0, 0.0)) };
     let volumes = Volumes { scene: plan.scene, occupancy, lights, source: Some(&means), source0: None, channels };
     let stop = || control.stopped();
     let picture = device.image(&volumes, camera, Some(&pixels), channels * k, true, &stop)?;
@@ -351,6 +360,28 @@ pub fn relative_error(
     let (whole, _) = pixel_error::spread(&means, k);
     let bias = pixel_error::bias(device, &volumes, &whole, camera, Some(&pixels), &stop)?;
     Ok(pixel_error::relative(&values, &errors, Some(&bias), channels))
+}
+
+/// The replicates' J towards the eye of the run, the replicate fastest, and their number; `None` if no photon left any.
+pub fn replicates_seen(plan: &Plan, device: &Device, shot: &Shot) -> Result<Option<(Vec<f32>, usize)>> {
+    let used = shot.subvolume_batches.iter().filter(|&&batches| batches > 0).count();
+    let (mut means, k) = if used > 0 {
+        (interleaved(&shot.subvolumes[..used], &shot.subvolume_batches[..used]), used)
+    } else {
+        let (moments, scale) =
+            if plan.one_moment() { (&shot.fluence, f64::from(PER_SPHERE)) } else { (&shot.source, 1.0) };
+        let unit = per_unit(plan, shot.powers);
+        let mean = |(at, x): (usize, &f64)| (x * unit[at % plan.channels] * scale) as f32;
+        (moments.mean.par_iter().enumerate().map(mean).collect(), 1)
+    };
+    if means.is_empty() {
+        return Ok(None);
+    }
+    if let Some(order) = plan.harmonics.filter(|_| plan.width() > 1) {
+        let camera = &plan.scene.camera;
+        means = device.contract(&Towards::new(plan.scene, camera, order), &means, plan.channels * k)?;
+    }
+    Ok(Some((means, k)))
 }
 
 /// At most 1024 pixels, evenly over the image.

@@ -2,7 +2,9 @@
 
 use super::adapter;
 use super::kernel::{Binding, Kernel, Source};
+use super::scene::GpuScene;
 use crate::error::{Error, Result};
+use crate::scene::Scene;
 use bytemuck::{NoUninit, Pod};
 use pollster::block_on;
 use std::collections::HashMap;
@@ -25,6 +27,16 @@ pub struct Gpu {
     /// What went wrong outside of any call: the loss of the device, or an error.
     trouble: Arc<Mutex<Option<Error>>>,
     kernels: Mutex<HashMap<Source, Arc<Kernel>>>,
+    /// The scene that was looked at last.
+    scene: Mutex<Option<Kept>>,
+}
+
+/// A scene that was uploaded in so many channels.
+#[derive(Debug)]
+struct Kept {
+    id: u64,
+    channels: usize,
+    scene: Arc<GpuScene>,
 }
 
 /// The open adapters by the wish that they met.
@@ -80,7 +92,7 @@ impl Gpu {
             held(&failed).get_or_insert(error);
         }));
         let software = adapter::is_software(adapter);
-        Ok(Gpu { device, queue, description, software, trouble, kernels: Mutex::default() })
+        Ok(Gpu { device, queue, description, software, trouble, kernels: Mutex::default(), scene: Mutex::default() })
     }
 
     /// Gives the device up, as a driver does that crashes.
@@ -112,6 +124,19 @@ impl Gpu {
         self.check()?;
         held(&self.kernels).insert(source, kernel.clone());
         Ok(kernel)
+    }
+
+    /// A scene to be looked at, uploaded unless it was the last.
+    pub fn scene(&self, scene: &Scene, channels: usize) -> Result<Arc<GpuScene>> {
+        let mut last = held(&self.scene);
+        if let Some(kept) = last.as_ref().filter(|kept| kept.id == scene.id && kept.channels == channels) {
+            return Ok(kept.scene.clone());
+        }
+        // What is kept of another makes room first.
+        *last = None;
+        let uploaded = Arc::new(GpuScene::new(self, scene, channels)?);
+        *last = Some(Kept { id: scene.id, channels, scene: uploaded.clone() });
+        Ok(uploaded)
     }
 
     /// A buffer that kernels read and write, of the given size in bytes, all zero.

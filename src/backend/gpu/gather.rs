@@ -11,7 +11,7 @@ use super::lights::Lights;
 use super::map::Maps;
 use super::pace::{self, ITERATIONS};
 use super::scene::{GpuScene, Texture};
-use crate::backend::cpu::gather::{Backdrop, Image, Volumes, rays_per_axis};
+use crate::backend::cpu::gather::{Backdrop, Image, Outline, Rays, Volumes, rays, stride};
 use crate::backend::cpu::light::Illumination;
 use crate::error::{Error, Result};
 use crate::scene::camera::Eye;
@@ -118,7 +118,7 @@ pub struct Job {
     pub finer: u32,
     pub channels: [u32; 4],
     pub sky: [f32; 3],
-    pub spare: u32,
+    pub stride: u32,
 }
 
 /// `Sums` of `shaders/gather_ray.wgsl`.
@@ -135,7 +135,8 @@ pub struct Sums {
     pub source: [f32; 4],
     pub light: u32,
     pub over: u32,
-    pub spare: [u32; 2],
+    pub at: u32,
+    pub width: u32,
 }
 
 /// `Pixel` of `shaders/gather_mean.wgsl`.
@@ -204,8 +205,9 @@ fn gather(
     stop: &(impl Fn() -> bool + Sync),
 ) -> Result<Image> {
     let channels = volumes.channels;
-    let fine = rays_per_axis(volumes, camera, pixels);
-    let count = fine.len();
+    let outline = Outline::new(volumes.scene, camera);
+    let rays = rays(volumes, camera, &outline, pixels);
+    let count = rays.len();
     let mut image = Image {
         order1: vec![0.0; count * channels],
         order2: vec![0.0; count * stride],
@@ -213,12 +215,12 @@ fn gather(
         emitted: vec![0.0; count * channels],
         background: vec![0.0; count * channels],
     };
-    let scene = GpuScene::new(gpu, volumes.scene, channels)?;
-    let batches = batches(&fine, cut.rays);
+    let scene = gpu.scene(volumes.scene, channels)?;
+    let batches = batches(&rays, cut.rays);
     let groups = if volumes.source.is_some() { stride.div_ceil(GROUP) } else { 1 };
     for group in 0..groups {
         let own = group * GROUP..stride.min((group + 1) * GROUP);
-        let pass = Pass::new(gpu, &scene, volumes, camera, (group, stride, whole), &batches)?;
+        let pass = Pass::new(gpu, &scene, volumes, (camera, &outline), (group, stride, whole), &batches)?;
         for batch in &batches {
             let means = pass.batch(gpu, batch, pixels, cut, stop)?;
             for (&slot, mean) in batch.slots.iter().zip(means) {
@@ -243,17 +245,21 @@ struct Batch {
     samples: usize,
     /// Places in the image.
     slots: Vec<usize>,
+    /// The part of each pixel that the medium covers, where its outline runs through it.
+    covered: Vec<Option<f64>>,
 }
 
-/// Batches of no more than `most` rays from the pixels' rays per axis.
-fn batches(fine: &[u8], most: usize) -> Vec<Batch> {
+/// Batches of no more than `most` rays from those of each pixel.
+fn batches(rays: &[Rays], most: usize) -> Vec<Batch> {
     let mut equal: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (at, &samples) in fine.iter().enumerate() {
-        equal.entry(usize::from(samples)).or_default().push(at);
+    for (at, rays) in rays.iter().enumerate() {
+        equal.entry(rays.per_axis).or_default().push(at);
     }
     let cut = |(samples, slots): (usize, Vec<usize>)| {
         let most = (most / (samples * samples)).max(1);
-        slots.chunks(most).map(|slots| Batch { samples, slots: slots.to_vec() }).collect::<Vec<_>>()
+        let covered = |slots: &[usize]| slots.iter().map(|&at| rays[at].covered).collect();
+        let batch = |slots: &[usize]| Batch { samples, slots: slots.to_vec(), covered: covered(slots) };
+        slots.chunks(most).map(batch).collect::<Vec<_>>()
     };
     equal.into_iter().flat_map(cut).collect()
 }
@@ -263,6 +269,7 @@ struct Pass<'a> {
     scene: &'a GpuScene,
     backdrop: Option<Backdrop<'a>>,
     camera: &'a Camera,
+    outline: &'a Outline,
     lights: Lights,
     maps: Maps,
     glow: Option<(Glow, Arc<Kernel>)>,
@@ -273,6 +280,7 @@ struct Pass<'a> {
     job: wgpu::Buffer,
     busy: wgpu::Buffer,
     pixels: wgpu::Buffer,
+    weights: wgpu::Buffer,
     means: wgpu::Buffer,
     channels: [u32; 4],
     /// Cells that a light ray of each step may cross.
@@ -284,7 +292,7 @@ impl<'a> Pass<'a> {
         gpu: &Gpu,
         scene: &'a GpuScene,
         volumes: &Volumes<'a>,
-        camera: &'a Camera,
+        (camera, outline): (&'a Camera, &'a Outline),
         (group, stride, whole): (usize, usize, bool),
         batches: &[Batch],
     ) -> Result<Self> {
@@ -296,8 +304,16 @@ impl<'a> Pass<'a> {
         let backdrop = if first && whole { Backdrop::new(volumes.scene) } else { None };
         let maps = Maps::new(gpu, backdrop.iter().flat_map(|backdrop| backdrop.maps.iter().copied()))?;
         let mut textures = Vec::new();
-        let mut files =
-            vec!["gather", "gather_ray", "gather_close", "camera", View::file(camera), "interpolate", "light"];
+        let mut files = vec![
+            "gather",
+            "gather_ray",
+            "gather_close",
+            "gather_lit",
+            "camera",
+            View::file(camera),
+            "interpolate",
+            "light",
+        ];
         files.push(match (volume.is_constant(), volume.linear()) {
             (true, _) => "cells_constant",
             (false, true) => "cells_linear",
@@ -363,6 +379,7 @@ impl<'a> Pass<'a> {
             scene,
             backdrop,
             camera,
+            outline,
             lights,
             maps,
             glow,
@@ -373,6 +390,7 @@ impl<'a> Pass<'a> {
             job: gpu.uniform(&Job::default())?,
             busy: gpu.empty(4)?,
             pixels: gpu.empty(most_pixels * 4)?,
+            weights: gpu.empty(most_rays * 4)?,
             means: gpu.empty(most_pixels * size_of::<Pixel>() as u64)?,
             channels: std::array::from_fn(channel),
             light_ray: if rays && !volume.is_constant() { n.iter().sum::<usize>() + 16 } else { 0 },
@@ -390,6 +408,15 @@ impl<'a> Pass<'a> {
     ) -> Result<Vec<Pixel>> {
         let numbers: Vec<u32> = batch.slots.iter().map(|&at| pixels.map_or(at, |list| list[at]) as u32).collect();
         gpu.write(&self.pixels, 0, &numbers);
+        let (n, width) = (batch.samples, self.camera.resolution[0]);
+        let mut weights = vec![1.0 / (n * n) as f32; numbers.len() * n * n];
+        for ((own, &pixel), covered) in weights.chunks_mut(n * n).zip(&numbers).zip(&batch.covered) {
+            if let Some(area) = *covered {
+                let place = ((pixel as usize % width) as f64, (pixel as usize / width) as f64);
+                own.copy_from_slice(&self.outline.weights(place, area, n));
+            }
+        }
+        gpu.write(&self.weights, 0, &weights);
         let mut bindings = self.scene.bindings();
         bindings.extend(self.lights.bindings());
         bindings.extend(self.maps.bindings());
@@ -397,8 +424,14 @@ impl<'a> Pass<'a> {
         bindings.extend(self.textures.iter().map(|(name, texture)| (*name, Binding::Texture(&texture.view))));
         bindings.extend(self.buffers.iter().map(|(name, buffer)| (*name, Binding::Buffer(buffer))));
         bindings.extend(
-            [("job", &self.job), ("busy", &self.busy), ("pixels", &self.pixels), ("means", &self.means)]
-                .map(|(name, buffer)| (name, Binding::Buffer(buffer))),
+            [
+                ("job", &self.job),
+                ("busy", &self.busy),
+                ("pixels", &self.pixels),
+                ("weights", &self.weights),
+                ("means", &self.means),
+            ]
+            .map(|(name, buffer)| (name, Binding::Buffer(buffer))),
         );
         let rays = numbers.len() * batch.samples * batch.samples;
         // Two nodes of a step, and a few lookups in their place where the light grid is read.
@@ -417,7 +450,7 @@ impl<'a> Pass<'a> {
             finer: finer as u32,
             channels: self.channels,
             sky: self.backdrop.as_ref().map_or([0.0; 3], |backdrop| backdrop.constant),
-            spare: 0,
+            stride: stride(batch.samples) as u32,
         };
         self.finish(gpu, &self.walk, &bindings, (job, most as u32), stop)?;
         if let Some((_, kernel)) = &self.glow {

@@ -205,7 +205,32 @@ pub fn of_plan(plan: &Plan, constants: &mut Constants) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{adapter, device};
     use super::*;
+    use crate::scene::Spectrum;
+    use std::sync::Arc;
+
+    #[test]
+    fn the_scene_looked_at_last_is_uploaded_once() {
+        if device::for_tests().is_none() {
+            return;
+        }
+        // Of its own, which no other test looks at a scene with.
+        let gpu = adapter::choose("").and_then(|adapter| Gpu::new(&adapter)).expect("it was there");
+        let density = [0.0, 1.0];
+        let scene = || {
+            let volume = Volume::new(&density, [2, 1, 1], [1.0; 3], [0.0; 3], true).expect("valid");
+            let grey = |v: f64| Spectrum::new(&[v], "value").expect("valid");
+            let medium = Medium::new(volume, grey(1.0), Albedo::Constant(grey(0.9)), Phase::Isotropic).expect("valid");
+            let camera = Camera::perspective([9.0; 3], [1.0; 3], [0.0, 0.0, 1.0], 20.0, [3, 3]).expect("valid");
+            Scene::new(medium, Vec::new(), camera)
+        };
+        let (one, other) = (scene(), scene());
+        let again = one.holding(&crate::scene::Voxels { density: &density, ..Default::default() });
+        let uploads = [&one, &again, &other, &one].map(|scene| gpu.scene(scene, 1).expect("it fits"));
+        assert!(Arc::ptr_eq(&uploads[0], &uploads[1]));
+        assert!(!Arc::ptr_eq(&uploads[1], &uploads[2]) && !Arc::ptr_eq(&uploads[0], &uploads[3]));
+    }
 
     #[test]
     fn packing_loses_nothing() {

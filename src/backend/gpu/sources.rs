@@ -63,6 +63,7 @@ shaders! {
     "gather"
     "gather_close"
     "gather_glow"
+    "gather_lit"
     "gather_mean"
     "gather_ray"
     "glow"
@@ -223,7 +224,7 @@ pub const KERNELS: &[&[&str]] = &[
         SKIES,
     ],
     &[
-        "gather gather_ray gather_close camera interpolate light",
+        "gather gather_ray gather_close gather_lit camera interpolate light",
         "camera_perspective | camera_orthographic",
         "cells_constant | cells_linear | cells_nearest",
         "source_voxels | source_none",

@@ -1,35 +1,72 @@
-//! How many rays a pixel takes: as many as voxels it spans, and more where an outline or a light is seen in it.
+//! The rays of a pixel: as many as voxels it spans, and more where an outline or a light is seen in it; and where they pass.
 
 #[cfg(feature = "gpu")]
 use super::Volumes;
+use super::outline::Cover;
+#[cfg(feature = "gpu")]
+use super::outline::Outline;
 use super::{Ray, View};
 use crate::backend::cpu::light::{Illumination, Source};
 use crate::scene::field::V3;
 use crate::scene::{Camera, Scene};
+#[cfg(feature = "gpu")]
 use rayon::prelude::*;
 
 /// Parts that a solid without voxels is seen in.
 const SOLID: f64 = 16.0;
+/// Rays per axis of a pixel with an outline in it, and the most where little of it is covered.
+const OUTLINE: usize = 8;
+const FINEST: usize = 32;
 
-/// Rays per axis of all pixels, or of the given ones.
+/// The rays of a pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Rays {
+    /// Rays per axis.
+    pub per_axis: usize,
+    /// The part of the pixel that the medium covers, where its outline runs through it.
+    pub covered: Option<f64>,
+}
+
+/// The rays of all pixels, or of the given ones.
 #[cfg(feature = "gpu")]
-pub fn rays_per_axis(volumes: &Volumes, camera: &Camera, pixels: Option<&[usize]>) -> Vec<u8> {
+pub fn rays(volumes: &Volumes, camera: &Camera, outline: &Outline, pixels: Option<&[usize]>) -> Vec<Rays> {
     let view = View::<1, 1>::new(volumes);
     let [width, height] = camera.resolution;
     let fine = samples_per_axis(volumes.scene, camera);
-    let corners = pixels.is_none().then(|| view.corner_hits(camera));
     let count = pixels.map_or(width * height, <[usize]>::len);
     (0..count)
         .into_par_iter()
         .with_min_len(256)
         .map(|at| {
             let pixel = pixels.map_or(at, |list| list[at]);
-            let (x, y) = (pixel % width, pixel / width);
-            let hits = view.at_corners(camera, corners.as_deref(), (x, y));
-            let centre = view.range(camera, x as f64 + 0.5, y as f64 + 0.5);
-            view.rays_per_axis(camera, centre.as_ref(), hits, fine) as u8
+            let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
+            let centre = view.range(camera, x + 0.5, y + 0.5);
+            view.rays(camera, centre.as_ref(), outline.cover(x, y), fine)
         })
         .collect()
+}
+
+/// Points of a pixel, `n` by `n`: one in each of its equal squares, and one in each of its `n^2` columns and rows. The
+/// squares' columns are taken in the order of the multiples of [`stride`] modulo n + 1, the rows in the reverse, so that the
+/// points stay the same under quarter turns, and a plane's mean over them is exact (after Kensler, *Correlated
+/// multi-jittered sampling*, 2013).
+#[inline(always)]
+pub fn point(n: usize, stride: usize, at: usize) -> (f64, f64) {
+    let (i, j) = (at % n, at / n);
+    let order = |k: usize| ((k + 1) * stride % (n + 1)) as f64;
+    let parts = n as f64;
+    ((i as f64 + (order(j) - 0.5) / parts) / parts, (j as f64 + (parts + 0.5 - order(i)) / parts) / parts)
+}
+
+/// The number nearest below the golden section of n + 1 that has no factor in common with it.
+pub fn stride(n: usize) -> usize {
+    let common = |mut a: usize, mut b: usize| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    (1..=(n + 1) * 618 / 1000).rev().find(|&k| common(k, n + 1) == 1).unwrap_or(1)
 }
 
 /// Rays per pixel and axis: as many as voxels that a pixel spans, so that a pixel is the mean over its area.
@@ -50,41 +87,21 @@ pub fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
 }
 
 impl<const C: usize, const S: usize> View<'_, C, S> {
-    /// Whether the ray through a pixel's upper left corner meets the box.
-    fn hits(&self, camera: &Camera, x: usize, y: usize) -> bool {
-        self.range(camera, x as f64, y as f64).is_some()
-    }
-
-    /// The same for all corners of the image's pixels, row by row.
-    pub fn corner_hits(&self, camera: &Camera) -> Vec<bool> {
-        let [width, height] = camera.resolution;
-        let mut hits = vec![false; (width + 1) * (height + 1)];
-        hits.par_chunks_mut(width + 1).enumerate().for_each(|(y, row)| {
-            for (x, hit) in row.iter_mut().enumerate() {
-                *hit = self.hits(camera, x, y);
-            }
-        });
-        hits
-    }
-
-    /// Those of the corners of the pixel at (x, y), from those of all if these are known.
+    /// The rays of a pixel with the given ray through its centre, of which the outline covers some.
     #[inline(always)]
-    pub fn at_corners(&self, camera: &Camera, corners: Option<&[bool]>, (x, y): (usize, usize)) -> [bool; 4] {
-        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| match corners {
-            Some(hits) => hits[(y + v) * (camera.resolution[0] + 1) + x + u],
-            None => self.hits(camera, x + u, y + v),
-        })
-    }
-
-    /// Rays per axis of a pixel with the given ray through its centre, of whose corners some meet the box.
-    #[inline(always)]
-    pub fn rays_per_axis(&self, camera: &Camera, centre: Option<&Ray>, hits: [bool; 4], fine: usize) -> usize {
-        let edge = hits.contains(&true) && hits.contains(&false);
+    pub fn rays(&self, camera: &Camera, centre: Option<&Ray>, cover: Cover, fine: usize) -> Rays {
+        let edge = cover.area > 0.0 && cover.area < 1.0;
+        let outline = match (edge, cover.corner) {
+            (true, true) => OUTLINE,
+            // What is smaller than the pixel, or thin, is still met.
+            (true, false) => ((2.0 * OUTLINE as f64 / cover.area).sqrt().ceil() as usize).clamp(OUTLINE, FINEST),
+            (false, _) => 1,
+        };
         let bright = match centre {
             Some(ray) => self.volumes.lights.iter().map(|light| self.sees(camera, ray, light)).fold(1, usize::max),
             None => 1,
         };
-        fine.max(if edge { 8 } else { 1 }).max(bright)
+        Rays { per_axis: fine.max(outline).max(bright), covered: edge.then_some(cover.area) }
     }
 
     /// Rays per axis that a pixel needs because a point light in the box stands near its line of sight: 1/d^2 is steep.
