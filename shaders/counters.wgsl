@@ -17,8 +17,8 @@ const TRUNCATED = 3u;
 const LOST = 4u;
 const ESCAPED = 5u;
 
-// A weight of 1 is 2^36 units, in two words.
-const SIXTEEN = 16.0;
+// A weight of 1 in units.
+const ENERGY_UNIT = 68719476736.0;
 
 // Adds to a counter of two words.
 fn count_wide(at: u32, units: vec2<u32>) {
@@ -29,10 +29,10 @@ fn count_wide(at: u32, units: vec2<u32>) {
     }
 }
 
-// Adds a weight to a share.
-fn add_share(copy: u32, share: u32, weight: Spectrum) {
+// Adds a weight to a share; xi rounds.
+fn add_share(copy: u32, share: u32, weight: Spectrum, xi: f32) {
     for (var c = 0u; c < CHANNELS; c++) {
-        count_wide(copy * WORDS + 2u * (3u * share + c), wide_cut(channel(weight, c) * SIXTEEN));
+        count_wide(copy * WORDS + 2u * (3u * share + c), wide_rounded(channel(weight, c) * ENERGY_UNIT, xi));
     }
 }
 
@@ -47,17 +47,17 @@ struct Toll {
     lost: array<vec2<u32>, CHANNELS>,
 }
 
-// Adds a weight that was absorbed.
-fn add_taken(toll: ptr<function, Toll>, weight: Spectrum) {
+// Adds a weight that was absorbed; xi rounds.
+fn add_taken(toll: ptr<function, Toll>, weight: Spectrum, xi: f32) {
     for (var c = 0u; c < CHANNELS; c++) {
-        (*toll).taken[c] = add64((*toll).taken[c], wide_cut(channel(weight, c) * SIXTEEN));
+        (*toll).taken[c] = add64((*toll).taken[c], wide_rounded(channel(weight, c) * ENERGY_UNIT, xi));
     }
 }
 
-// Adds a weight that was lost in roulette; one that was won is negative.
-fn add_lost(toll: ptr<function, Toll>, weight: Spectrum) {
+// Adds a weight that was lost in roulette; one that was won is negative. xi rounds.
+fn add_lost(toll: ptr<function, Toll>, weight: Spectrum, xi: f32) {
     for (var c = 0u; c < CHANNELS; c++) {
-        (*toll).lost[c] = add64((*toll).lost[c], wide_cut(channel(weight, c) * SIXTEEN));
+        (*toll).lost[c] = add64((*toll).lost[c], wide_rounded(channel(weight, c) * ENERGY_UNIT, xi));
     }
 }
 

@@ -1,6 +1,7 @@
 // Null-collision flights, one event after the other: four random words each. The free flight; the jitter of the density's
 // one read, and two bits for roulette; the acceptance, whose position within the accepted part is again uniform and gives the
-// scattering angle; the azimuth, and ten bits that round deposits and extend the flight's word beyond 32 bits.
+// scattering angle; the azimuth, and ten bits that extend the flight's word beyond 32 bits. All bits of the last word
+// together round what the event leaves in the tallies.
 
 // What the random numbers are for.
 override PURPOSE: u32 = 0u;
@@ -28,11 +29,6 @@ fn albedo_of(f: ptr<function, Flight>) -> Spectrum {
 // Whether roulette is survived.
 fn survives(f: ptr<function, Flight>) -> bool {
     return ((*f).word.y >> 30u) == 0u;
-}
-
-// What rounds a deposit, from ten bits.
-fn rounding(word: u32) -> f32 {
-    return f32(word & 1023u) * (1.0 / 1024.0) + 0.5 / 1024.0;
 }
 
 // A part of a turn from the upper 22 bits.

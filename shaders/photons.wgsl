@@ -16,9 +16,9 @@ struct Job {
     // Photons under way at once, and rounds of events in this dispatch.
     slots: u32,
     rounds: u32,
-    // Units per weight and length.
-    unit: f32,
-    spare: u32,
+    spare: vec2<u32>,
+    // Units per weight and length, by channel.
+    units: vec3<f32>,
 }
 
 @group(0) @binding(5) var<uniform> job: Job;
@@ -53,12 +53,12 @@ fn take_next(photon: ptr<function, Photon>, f: ptr<function, Flight>) {
     (*photon).state = select(OVER, STARTS, (*photon).number < emitter.count);
 }
 
-// Ends the slot's photon, what remains of which goes to a share.
-fn finish(photon: ptr<function, Photon>, toll: ptr<function, Toll>, share: u32) {
+// Ends the slot's photon, what remains of which goes to a share; xi rounds.
+fn finish(photon: ptr<function, Photon>, toll: ptr<function, Toll>, share: u32, xi: f32) {
     if share != ABSORBED && share != LOST {
-        add_share((*toll).copy, share, unbiased((*photon).weights));
+        add_share((*toll).copy, share, unbiased((*photon).weights), xi);
     }
-    add_taken(toll, (*photon).absorbed);
+    add_taken(toll, (*photon).absorbed, xi);
     end((*photon).number, (*photon).order, share);
     (*toll).finished += 1u;
     (*photon).number += job.slots;

@@ -50,6 +50,11 @@ fn unit(word: u32) -> f32 {
     return (f32(word) + 0.5) * (1.0 / 4294967296.0);
 }
 
+// What rounds a number by chance, within (0, 1]: 31 bits, mixed, for what else reads the word reads its upper bits first.
+fn rounding(word: u32) -> f32 {
+    return (f32((word * 2654435769u) >> 1u) + 0.5) * (1.0 / 2147483648.0);
+}
+
 // An exponential free flight in mean free paths, without the end that 32 bits would set at 22.9: the zero word stands
 // for all that lies beyond 32 ln 2 and draws again (the exponential has no memory).
 fn exponential(word: u32, draws: ptr<function, Draws>) -> f32 {

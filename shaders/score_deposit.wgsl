@@ -1,8 +1,8 @@
 // Flights leave weight times length in voxels.
 
-// Adds weight times length around the point p of a voxel; xi within [0, 1) rounds.
+// Adds weight times length around the point p of a voxel; xi within (0, 1] rounds.
 fn score(voxel: u32, p: vec3<f32>, value: Spectrum, xi: f32) {
-    deposit(voxel, p, score_direction, score_order, value * job.unit, xi);
+    deposit(voxel, p, score_direction, score_order, value * spectrum(job.units), xi);
 }
 
 // Whether what is absorbed is scored too.
@@ -13,7 +13,7 @@ fn scores_absorption() -> bool {
 // Adds what of weight times length is absorbed at p, a point of the given density that was drawn evenly from where the value
 // is for.
 fn score_absorbed(voxel: u32, p: vec3<f32>, density: f32, value: Spectrum, xi: f32) {
-    deposit_absorbed(voxel, p, density, value * job.unit, xi);
+    deposit_absorbed(voxel, p, density, value * spectrum(job.units), xi);
 }
 
 // Voxel by voxel along a line from t0 to t1, weight times length.

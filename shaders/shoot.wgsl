@@ -25,6 +25,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
             if begun.how == MISSES {
                 share = MISSED;
                 photon.state = NEXT;
+                f.word = start_words(&f);
             } else if begun.how != SEARCHES {
                 photon.state = select(FLIGHT, HITS, begun.how == COLLIDES);
             }
@@ -40,7 +41,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
                 let went = advance(&f);
                 photon.state = PAUSED;
                 if went == TENTATIVE {
-                    let units = photon.weights.value * (job.unit * f.free_path);
+                    let units = photon.weights.value * (spectrum(job.units) * f.free_path);
                     let voxel = index_of(vec3<i32>(f.q));
                     deposit(voxel, f.q, f.d, photon.order, units, rounding(f.word.w));
                     if absorbs(photon.order) {
@@ -59,7 +60,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
                 let v = f.d * scene.inverse_h;
                 share = select(ESCAPED + face_of(leave(f.p, v).axis, v), UNSCATTERED, photon.order == 0u);
             }
-            finish(&photon, &toll, share);
+            finish(&photon, &toll, share, rounding(f.word.w));
         }
     }
     tell(&toll);
@@ -85,12 +86,12 @@ fn collide(photon: ptr<function, Photon>, f: ptr<function, Flight>, toll: ptr<fu
         return TRUNCATED;
     } else if UNLIMITED && top < ROULETTE {
         if !survives(f) {
-            add_lost(toll, after);
+            add_lost(toll, after, rounding((*f).word.w));
             (*photon).state = NEXT;
             return LOST;
         }
         (*photon).weights.value = after * (1.0 / SURVIVAL);
-        add_lost(toll, after - (*photon).weights.value);
+        add_lost(toll, after - (*photon).weights.value, rounding((*f).word.w));
     }
     return ABSORBED;
 }

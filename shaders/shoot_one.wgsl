@@ -41,7 +41,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
             }
         }
         if photon.state == NEXT {
-            finish(&photon, &toll, share);
+            finish(&photon, &toll, share, rounding(start_words(&f).x));
         }
     }
     tell(&toll);
@@ -75,7 +75,9 @@ fn collide(photon: ptr<function, Photon>, f: ptr<function, Flight>, toll: ptr<fu
     (*photon).weights.value *= albedo_read((*f).p, word.z);
     let after = unbiased((*photon).weights);
     // Rounded as the CPU rounds it, at each collision.
-    add_taken(toll, before - after);
+    // Nothing that this collision leaves depends on the azimuth's word, which rounds it.
+    let xi = rounding(word.y);
+    add_taken(toll, before - after, xi);
     let order = (*photon).order;
     (*photon).order += 1u;
     (*photon).state = FLIGHT;
@@ -87,12 +89,12 @@ fn collide(photon: ptr<function, Photon>, f: ptr<function, Flight>, toll: ptr<fu
         return TRUNCATED;
     } else if UNLIMITED && top < ROULETTE {
         if unit(word.w) > SURVIVAL {
-            add_lost(toll, after);
+            add_lost(toll, after, xi);
             (*photon).state = NEXT;
             return LOST;
         }
         (*photon).weights.value *= 1.0 / SURVIVAL;
-        add_lost(toll, after - unbiased((*photon).weights));
+        add_lost(toll, after - unbiased((*photon).weights), xi);
     }
     let polar = phase_sample(unit(word.x));
     (*f).d = rotate((*f).d, polar.x, polar.y, unit(word.y));

@@ -4,7 +4,7 @@ struct Emitter {
     // 2^64 / photons of the batch, and the number of the first.
     step: vec2<u32>,
     first: vec2<u32>,
-    // The weight of a photon by channel, and photons of the batch.
+    // The weight of a photon by channel (of what is drawn by all channels, over its part of them), and photons of the batch.
     colour: vec3<f32>,
     count: u32,
     // Where a lamp stands, in lengths from the box's corner: the box's centre, if it is at `distance` from there.
@@ -13,8 +13,7 @@ struct Emitter {
     // The axis of the cone of its light, or the direction of parallel light; 1 - cosine of the half angle.
     axis: vec3<f32>,
     cap: f32,
-    // Areas of the faces normal to x, y, z as the light sees them, and the power of all first collisions times the volume
-    // of a voxel, or what scales the weight.
+    // Areas of the faces normal to x, y, z as the light sees them, and the volume of a voxel over all first collisions.
     faces: vec3<f32>,
     scale: f32,
     // Parts of the light below which it enters through faces normal to x, and to x or y.
@@ -25,6 +24,8 @@ struct Emitter {
     width: u32,
     height: u32,
     spare: u32,
+    // What makes the mean of each channel 1, where directions or places are drawn by all channels together.
+    factors: vec3<f32>,
 }
 
 @group(0) @binding(10) var<uniform> emitter: Emitter;

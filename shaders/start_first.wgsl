@@ -29,6 +29,6 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
     (*f).d = arriving.direction;
     let scale = density_at(p) * arriving.falloff * emitter.scale / at.chance;
     let extinction = spectrum(scene.extinction);
-    let weight = extinction * spectrum(light.value) * expos(-extinction * depth) * scale;
+    let weight = extinction * spectrum(emitter.colour) * expos(-extinction * depth) * scale;
     return Start(COLLIDES, weight);
 }

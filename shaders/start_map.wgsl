@@ -1,4 +1,4 @@
-// The light of a sky map that falls on the box: directions by radiance (summed over channels) times projected area, drawn from
+// The light of a sky map that falls on the box: directions by radiance (summed over channels, each over its mean) times projected area, drawn from
 // bounds of that for each texel.
 
 // Directions that are tried before the search pauses.
@@ -19,7 +19,8 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
         let at = pick_cell(u);
         let sky = map_direction(0u, vec2(at.cell, at.row), vec2(unit(word.x), at.rest));
         let radiance = map_radiance(0u, sky);
-        let sum = select(radiance.x + radiance.y + radiance.z, radiance.x, m.channels == 1u);
+        let parts = radiance * emitter.factors;
+        let sum = parts.x + parts.y + parts.z;
         let area = dot(abs(sky), emitter.faces);
         let bound = at.chance * emitter.distance * (map_values[densities + at.row] * 4611686018427387904.0);
         if sum * area > unit(word.y) * bound {
@@ -31,7 +32,7 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
             if m.channels == 1u {
                 return Start(FLIES, spectrum(emitter.colour));
             }
-            return Start(FLIES, spectrum(radiance / sum * emitter.scale));
+            return Start(FLIES, spectrum(parts / sum * emitter.colour));
         }
         u = word.wz;
     }

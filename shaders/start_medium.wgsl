@@ -1,4 +1,5 @@
-// A medium that emits by itself, whose voxels are drawn by what they emit in all channels together.
+// A medium that emits by itself, whose voxels are drawn by what they emit in all channels together, each over its
+// mean.
 
 // Whether the source term is linear between voxel centres.
 override HATS: bool = false;
@@ -26,6 +27,7 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
         return Start(FLIES, spectrum(emitter.colour));
     }
     let values = vec3(emission_at(0u, p), emission_at(1u, p), emission_at(2u, p));
-    let sum = max(values.x + values.y + values.z, 1e-38);
-    return Start(FLIES, spectrum(values / sum * emitter.scale));
+    let parts = values * emitter.factors;
+    let sum = max(parts.x + parts.y + parts.z, 1e-38);
+    return Start(FLIES, spectrum(parts / sum * emitter.colour));
 }

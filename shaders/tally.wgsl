@@ -10,7 +10,7 @@ fn add_wide(bin: u32, units: vec2<u32>) {
     }
 }
 
-// Adds `value` (in units), rounded up with the chance of its fraction; xi within [0, 1).
+// Adds `value` (in units), rounded by xi.
 fn add_units(bin: u32, value: f32, xi: f32) {
-    add_wide(bin, wide_floor(value + xi));
+    add_wide(bin, wide_rounded(value, xi));
 }

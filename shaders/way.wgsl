@@ -25,11 +25,6 @@ struct Way {
 var<private> score_direction: vec3<f32>;
 var<private> score_order: u32;
 
-// A rounding number within [0, 1) from bits that nothing else reads.
-fn rounding(word: u32) -> f32 {
-    return f32(word >> 8u) * (1.0 / 16777216.0);
-}
-
 // Which part of a piece a random point of it lies behind.
 fn random_part(word: u32) -> f32 {
     return rounding((word << 16u) | (word >> 16u));

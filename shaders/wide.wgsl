@@ -57,27 +57,18 @@ fn shift64(a: vec2<u32>, s: u32) -> vec2<u32> {
     return vec2(a.x << s, (a.y << s) | select(0u, a.x >> (32u - s), s > 0u));
 }
 
-// The largest integer not above x, |x| < 2^63.
-fn wide_floor(x: f32) -> vec2<u32> {
-    // By its size, for of a small negative number a float cannot hold 2^32 less.
-    let size = abs(floor(x));
-    let high = floor(size * (1.0 / 4294967296.0));
-    let whole = vec2(u32(size - high * 4294967296.0), u32(high));
-    if x < 0.0 {
-        return negate64(whole);
-    }
-    return whole;
-}
-
-// x * 2^32 without its fraction, |x| < 2^31.
-fn wide_cut(x: f32) -> vec2<u32> {
+// x as a whole number, |x| < 2^63: rounded away from zero with the chance of its fraction, where that is above xi, uniform
+// within (0, 1]. Neither is changed before they are compared, so that the mean is right, however small x.
+fn wide_rounded(x: f32, xi: f32) -> vec2<u32> {
     let size = abs(x);
-    let high = floor(size);
-    let cut = vec2(u32((size - high) * 4294967296.0), u32(high));
+    let whole = floor(size);
+    let high = floor(whole * (1.0 / 4294967296.0));
+    let low = u32(whole - high * 4294967296.0);
+    let units = add64(vec2(low, u32(high)), vec2(u32(xi < size - whole), 0u));
     if x < 0.0 {
-        return negate64(cut);
+        return negate64(units);
     }
-    return cut;
+    return units;
 }
 
 // A number as a float.

@@ -134,6 +134,10 @@ pub struct Outcome {
     pub subvolumes: Option<Vec<f32>>,
     /// Replicates in `subvolumes`.
     pub replicates: usize,
+    /// The voxels that no photon reached, if values of voxels are kept and there are such.
+    pub unreached: Option<Vec<bool>>,
+    /// J of one photon in a voxel that it crosses, by channel; 0 where J is exact.
+    pub one_photon: [f64; 3],
     /// Column densities towards each light at the nodes of its grid, where used.
     pub columns: Vec<Option<Vec<f32>>>,
     /// Where the energy went.

@@ -1,5 +1,6 @@
 //! Fixed-point tallies: bins that threads add to in any order with the same bits, and the moments that batches fold into.
 
+use rayon::prelude::*;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
@@ -23,14 +24,16 @@ impl Bins {
         Bins { words, shared, carries: Mutex::default() }
     }
 
-    /// Adds `value` (in units), rounded up with the chance of its fraction; `xi` within [0, 1).
+    /// Adds `value` (in units), [`rounded`].
     #[inline(always)]
     pub fn add(&self, index: usize, value: f32, xi: f32) {
-        let value = value + xi;
         if value.abs() < 2_147_483_648.0 {
-            self.add_word(index, floor(value));
+            let whole = value as i32;
+            let rest = value - whole as f32;
+            let away = i32::from(xi < rest.abs());
+            self.add_word(index, whole + if rest < 0.0 { -away } else { away });
         } else {
-            self.add_large(index, f64::from(value) as i64);
+            self.add_large(index, value as i64);
         }
     }
 
@@ -108,11 +111,15 @@ impl Bins {
     }
 }
 
-/// The largest integer not above `value` (within i32), without a library call.
+/// `value` as a whole number: rounded away from zero with the chance of its fraction, where that is above `xi`, uniform
+/// within (0, 1]. Neither the value nor its fraction is changed before they are compared, so that the mean is right to
+/// half the step of `xi`, however small the value.
 #[inline(always)]
-fn floor(value: f32) -> i32 {
-    let cut = value as i32;
-    cut - i32::from(cut as f32 > value)
+pub fn rounded(value: f32, xi: f32) -> i64 {
+    let whole = value as i64;
+    let rest = value - whole as f32;
+    let away = i64::from(xi < rest.abs());
+    whole + if rest < 0.0 { -away } else { away }
 }
 
 /// A part of the bins whose batch is over.
@@ -138,7 +145,8 @@ impl Block<'_> {
     }
 }
 
-/// Means and sums of squared deviations of many quantities.
+/// Means and sums of squared deviations of many quantities, in units per photon: what power the photons have does not
+/// decide what single precision holds.
 #[derive(Debug, Clone, Default)]
 pub struct Moments {
     /// Mean over the batches so far.
@@ -161,6 +169,35 @@ impl Moments {
             *mean += before * share;
             *m2 += (before * (x - *mean)) as f32;
         }
+    }
+
+    /// Means and standard errors after `count` batches, with the channel fastest, each times what a unit is. Where nothing
+    /// was ever counted the batches do not tell the error: it is `one`, what one photon would have left there.
+    pub fn settle(&self, unit: &[f64], one: &[f64], count: u64) -> (Vec<f32>, Vec<f32>) {
+        let channels = unit.len();
+        let mean = self.mean.par_iter().enumerate().map(|(at, mean)| (mean * unit[at % channels]) as f32);
+        let error = |(at, m2): (usize, &f32)| {
+            let c = at % channels;
+            match count {
+                _ if one[c] == 0.0 => 0.0,
+                2.. if self.is_empty(at) => one[c] as f32,
+                _ => (f64::from(Moments::error(*m2, count)) * unit[c]) as f32,
+            }
+        };
+        (mean.collect(), self.m2.par_iter().enumerate().map(error).collect())
+    }
+
+    /// Whether nothing was ever counted of a quantity.
+    pub fn is_empty(&self, at: usize) -> bool {
+        self.mean[at] == 0.0 && self.m2[at] == 0.0
+    }
+
+    /// The voxels of some channels of which nothing was ever counted in any, if there are such.
+    pub fn unreached(&self, channels: usize) -> Option<Vec<bool>> {
+        let voxels = self.mean.len() / channels;
+        let empty = |voxel: usize| (0..channels).all(|c| self.is_empty(voxel * channels + c));
+        let unreached: Vec<bool> = (0..voxels).into_par_iter().map(empty).collect();
+        unreached.contains(&true).then_some(unreached)
     }
 
     /// Standard error of the mean of one quantity after `count` batches; infinite where one batch tells nothing.

@@ -50,6 +50,9 @@ def merge(
             one, other = x.get(name), y.get(name)
             if one is not None or other is not None:
                 data[name] = formula(weights, one, other)
+    data["unreached"] = _unreached(weights, x.get("unreached"), y.get("unreached"))
+    if x.get("one_photon") is not None and y.get("one_photon") is not None:
+        data["one_photon"] = _one_photon(weights, x["one_photon"], y["one_photon"])
     if "energy" in x:
         data["energy"] = {
             name: (_error if name == "error" else _mean)(weights, value, y["energy"][name])
@@ -123,6 +126,21 @@ def _source(weights: Weights, a: Any, b: Any) -> np.ndarray:
     """The mean of what photons scattered: None of a run in which none did."""
     a = np.zeros_like(b) if a is None else a
     return _mean(weights, a, np.zeros_like(a) if b is None else b)
+
+
+def _unreached(weights: Weights, a: Any, b: Any) -> np.ndarray | None:
+    """The voxels that no photon of either run reached; None if there are none."""
+    if 0.0 in weights:
+        return a if weights[0] else b
+    return None if a is None or b is None else a & b
+
+
+def _one_photon(weights: Weights, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """One photon's part of the photons of both runs, each being one of its own's."""
+    if 0.0 in weights:
+        return a if weights[0] else b
+    both = a + b
+    return np.divide(a * b, both, out=np.zeros_like(both), where=both > 0)
 
 
 def _error(weights: Weights, a: Any, b: Any) -> np.ndarray:

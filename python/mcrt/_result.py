@@ -52,6 +52,15 @@ class Result:
     leaves the errors unknown: infinite. Merged runs of N_i photons and
     nu_i degrees of freedom have N^2 / sum(N_i^2 / nu_i) of them (Welch and Satterthwaite), N the
     sum of N_i, but for the pixels of photons, which have those of the smallest K.
+
+    Where nothing was sampled the scatter tells nothing. In a voxel that no photon reached (in a
+    channel) the error of the fluence is what one photon would have left: the power of all photons
+    over their number, times the largest albedo of the channel if only scattered light is sampled,
+    along the mean chord 4 V / S of the voxel, that is 4 power / (photons S) with the voxel's
+    surface S; that of the radiance is albedo / (4 pi) times as much. In a pixel whose sub-volumes
+    hold nothing it is that of one photon in each voxel seen, the pixel's opacity times albedo /
+    (4 pi) times that of the fluence. A pixel of a "path" result none of whose paths found light
+    has the error zero: its light is rarer than one path in `stats.spp`.
     """
 
     def __init__(
@@ -167,8 +176,16 @@ class Result:
         `relative_error` (R, root mean square error / mean value) are those of the pixels where a
         camera was given, else of the voxels' fluence, above 5 % of the maximum, the worst channel;
         `figure_of_merit` is 1 / (R^2 T) with T the run's seconds. None where there are no errors.
+        `unreached_voxels` is the number of voxels that no photon reached, None where no values of
+        voxels are kept.
         """
         stats = Record(self._data["stats"])
+        kept = self.plan.method != "path" and {"fluence", "radiance"} & set(
+            self._settings["outputs"]
+        )
+        unreached = self._data.get("unreached")
+        count = 0 if unreached is None else int(np.count_nonzero(unreached))
+        stats["unreached_voxels"] = count if kept else None
         seconds = sum(stats.seconds.values())
         stats["photons_per_second"] = stats.photons / seconds if seconds > 0.0 else 0.0
         median, upper, rms = self._relative_errors()
@@ -379,6 +396,8 @@ class Result:
         layers = self._layers.pop(spec, {})
         for replicates in sorted({name == "error" for name in names if name not in layers}):
             layers |= _mcrt.gather(self._core, self._volumes(), spec, replicates)
+            if replicates and "error" in layers:
+                self._allow_for_one_photon(layers, spec)
         if "error" in names and "error" not in layers:  # no photons, or a single batch of them
             unknown = np.inf if self._data["stats"]["photons"] else 0.0
             width, height = spec[-1]
@@ -388,6 +407,18 @@ class Result:
         if len(self._layers) > CACHED_CAMERAS:
             del self._layers[next(iter(self._layers))]
         return layers
+
+    def _allow_for_one_photon(self, layers: dict[str, np.ndarray], spec: tuple[Any, ...]) -> None:
+        """The error of one photon in each voxel seen, where no sub-volume holds anything."""
+        nothing = layers["error"] == 0.0
+        one, albedo = self._data.get("one_photon"), self._scene["albedo"]
+        if one is None or not nothing.any():
+            return
+        if "transmittance" not in layers:
+            layers |= _mcrt.gather(self._core, self._volumes(), spec, False)
+        top = np.max(albedo) if isinstance(albedo, np.ndarray) else np.array(albedo)
+        error = (1.0 - layers["transmittance"]) * (one * top if one.size > 1 else np.max(one * top))
+        layers["error"][nothing] = error[nothing]
 
     def _volumes(self) -> dict[str, Any]:
         """What a gather reads."""

@@ -3,11 +3,11 @@
 use super::bias::Truth;
 use super::cpu::emit::Emitter;
 use super::cpu::light::Illumination;
-use super::cpu::shoot::Energies;
+use super::cpu::shoot::{Energies, total};
 use super::cpu::{self, path, settle};
 #[cfg(feature = "gpu")]
 use super::gpu;
-use super::shot::{Shot, bin_unit, fold};
+use super::shot::{Shot, fold};
 use super::single::single;
 use super::{Control, Device};
 use crate::error::{Error, Result};
@@ -97,13 +97,12 @@ fn run_here(
     let light_seconds = control.seconds();
     let mut shot = match before.map(|before| before.rest) {
         Some(Rest::Photons(shot)) => *shot,
-        _ => Shot::new(plan),
+        _ => Shot::new(plan, total(&emitters.iter().map(|e| e.powers).collect::<Vec<_>>())),
     };
     let mut unfinished = None;
     let truth = Truth::trace(plan)?;
     let mut order0 = None;
     if plan.shoots() && !emitters.is_empty() {
-        let power = emitters.iter().map(|e| e.power).sum();
         let shooting = || -> Result<Box<dyn Shooter + '_>> {
             Ok(match device {
                 Device::Cpu => cpu::shooter(plan, &emitters),
@@ -118,7 +117,7 @@ fn run_here(
                 None => Ok((noise, bias)),
             }
         };
-        let ended = shooting().and_then(|mut shooter| batches(plan, &mut *shooter, power, error, control, &mut shot));
+        let ended = shooting().and_then(|mut shooter| batches(plan, &mut *shooter, error, control, &mut shot));
         match ended {
             Err(why) if shot.batches > 0 && why != Error::Interrupted => {
                 shot.stopped = stopped_by(&why);
@@ -188,12 +187,10 @@ pub fn illuminations<'a>(
 fn batches(
     plan: &Plan,
     shooter: &mut dyn Shooter,
-    power: f64,
     mut error: impl FnMut(&mut Shot) -> Result<(f64, f64)>,
     control: &Control,
     shot: &mut Shot,
 ) -> Result<()> {
-    let unit = bin_unit(plan);
     let round = plan.subvolumes.max(8) as u64;
     let first = plan.batches.unwrap_or(if plan.target_error.is_some() { round } else { u64::MAX });
     let mut goal = shot.goal.unwrap_or(first);
@@ -209,8 +206,8 @@ fn batches(
             let bins = shooter.bins()?;
             shot.batches += 1;
             shot.photons += photons;
-            fold(plan, bins, power / photons as f64 / unit, shot);
-            shot.energies.push((energies, power / photons as f64, photons));
+            fold(plan, bins, photons, shot);
+            shot.energies.push((energies, photons));
             // How many batches a target takes is known only after the first estimate, which comes soon.
             let scale = if plan.batches.is_none() && goal == round { 0.1 } else { 1.0 };
             let part = if goal == u64::MAX { 0.0 } else { scale * shot.batches as f64 / goal as f64 };

@@ -4,6 +4,7 @@ use super::cpu::angular::Towards;
 use super::cpu::shoot::Energies;
 use crate::plan::{Layer, Plan};
 use crate::result::Stopped;
+use crate::scene::Albedo;
 use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use rayon::prelude::*;
 
@@ -22,8 +23,10 @@ pub struct Shot {
     pub subvolumes: Vec<Vec<f32>>,
     /// Batches in each replicate.
     pub subvolume_batches: Vec<u64>,
-    /// Energies of each batch, and the power that a weight of 1 stands for.
-    pub energies: Vec<(Energies, f64, u64)>,
+    /// The power of all photons [W], by channel.
+    pub powers: [f64; 3],
+    /// Energies of each batch, and its photons.
+    pub energies: Vec<(Energies, u64)>,
     /// Finished batches.
     pub batches: u64,
     /// Photons walked.
@@ -37,8 +40,8 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// Nothing yet.
-    pub fn new(plan: &Plan) -> Self {
+    /// Nothing yet, of photons that are to have the given power by channel.
+    pub fn new(plan: &Plan, powers: [f64; 3]) -> Self {
         let values = if plan.shoots() { plan.scene.medium.volume.voxels() * plan.channels } else { 0 };
         let has = |layer| plan.layers.contains(&layer);
         let keeps = plan.keeps_moments() && !plan.layers.is_empty();
@@ -54,6 +57,7 @@ impl Shot {
             source0: vec![0.0; if sampled0 && plan.wants_source() { values * plan.width() } else { 0 }],
             subvolumes: vec![vec![0.0; values * plan.width()]; plan.sums()],
             subvolume_batches: vec![0; plan.sums()],
+            powers,
             energies: Vec::new(),
             batches: 0,
             photons: 0,
@@ -64,21 +68,75 @@ impl Shot {
     }
 }
 
-/// Bin units per weight * length: a typical deposit is 65,536 units, one along a voxel at most 2^24.
-pub fn bin_unit(plan: &Plan) -> f64 {
-    let h = plan.scene.medium.volume.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    let free = 1.0 / plan.scene.medium.max_sigma_t().max(1e-30);
-    (REFERENCE_UNITS / h.min(free)).min(16_777_216.0 / h)
+/// The weight that a photon deposits with at most where the mean photon starts with 1, by channel: that, or what its first
+/// scattering leaves where only scattered light is tallied.
+pub fn first_weights(plan: &Plan) -> [f64; 3] {
+    match plan.scene.medium.albedo {
+        _ if plan.tallies_unscattered() => [1.0; 3],
+        Albedo::Constant(albedo) => albedo.rgb,
+        Albedo::PerVoxel(_) => [plan.scene.medium.max_albedo(); 3],
+    }
 }
 
-/// Ends a batch: its deposits go into the moments and one replicate. `scale` makes units into J or fluence times volume.
-pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
+/// Bin units per weight * length, by channel: a typical deposit is 65,536 units, one along a voxel's shortest edge at most
+/// 2^24 and along its longest 2^36, of which a batch of [`crate::plan::LARGEST_BATCH`] stays within 63 bits.
+pub fn bin_units(plan: &Plan) -> [f64; 3] {
+    let spacing = plan.scene.medium.volume.spacing();
+    let (shortest, longest) =
+        (spacing.into_iter().fold(f64::INFINITY, f64::min), spacing.into_iter().fold(0.0, f64::max));
+    let free = 1.0 / plan.scene.medium.max_sigma_t().max(1e-30);
+    let unit = REFERENCE_UNITS / shortest.min(free);
+    let unit = unit.min(16_777_216.0 / shortest).min(68_719_476_736.0 / longest);
+    // Within single precision.
+    first_weights(plan).map(|weight| unit / if weight > 0.0 { weight.max(1e-15) } else { 1.0 })
+}
+
+/// The fluence that one unit per photon stands for, by channel.
+pub fn per_unit(plan: &Plan, powers: [f64; 3]) -> [f64; 3] {
+    let units = bin_units(plan);
+    std::array::from_fn(|c| powers[c] / units[c] / plan.scene.medium.volume.voxel_volume())
+}
+
+/// The fluence that one photon leaves in a voxel that it crosses, over that of all photons, by channel: the weight
+/// [`first_weights`] of the mean photon along the voxel's mean chord, which is 4 volumes over its surface. 0 where no
+/// layer tallies it, and it is exact.
+pub fn of_one_photon(plan: &Plan, shot: &Shot) -> [f64; 3] {
+    let tallied = plan.layers.iter().any(|layer| matches!(layer, Layer::Unscattered | Layer::Inner | Layer::Last));
+    one_photon(plan, shot, tallied)
+}
+
+/// J of one photon likewise, were it to scatter into all directions alike.
+pub fn source_of_one_photon(plan: &Plan, shot: &Shot) -> [f64; 3] {
+    let isotropic = plan.scene.medium.phase.is_isotropic();
+    let seen = |layer: &Layer| match layer {
+        Layer::Unscattered => true,
+        Layer::Inner => isotropic,
+        Layer::Last | Layer::Absorbed => false,
+        Layer::EyeUnscattered | Layer::Eye | Layer::HarmonicsUnscattered | Layer::Harmonics => true,
+    };
+    one_photon(plan, shot, plan.layers.iter().any(seen)).map(|fluence| fluence * 0.25 * std::f64::consts::FRAC_1_PI)
+}
+
+fn one_photon(plan: &Plan, shot: &Shot, tallied: bool) -> [f64; 3] {
+    let [x, y, z] = plan.scene.medium.volume.spacing();
+    let surface = 2.0 * (x * y + y * z + z * x);
+    let weights = first_weights(plan);
+    if !tallied || shot.photons == 0 {
+        return [0.0; 3];
+    }
+    std::array::from_fn(|c| 4.0 / surface * weights[c] * shot.powers[c] / shot.photons as f64)
+}
+
+/// Ends a batch of some photons: its deposits go into the moments and one replicate.
+pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], photons: u64, shot: &mut Shot) {
     // Whole voxels, of 1 or 3 channels.
     const BLOCK: usize = 3 << 9;
     if bins.is_empty() {
         return;
     }
-    let scale = scale / plan.scene.medium.volume.voxel_volume();
+    let each = 1.0 / photons as f64;
+    let scale = per_unit(plan, shot.powers);
+    let channels = plan.channels;
     let isotropic = plan.scene.medium.phase.is_isotropic();
     let per_sphere = 0.25 * std::f64::consts::FRAC_1_PI;
     let count = shot.batches;
@@ -135,7 +193,7 @@ pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
                     Layer::Absorbed => &[(3, 1.0)],
                 };
                 for &(to, factor) in goes {
-                    sums[to].iter_mut().zip(units.iter()).for_each(|(sum, x)| *sum += x * (factor * scale));
+                    sums[to].iter_mut().zip(units.iter()).for_each(|(sum, x)| *sum += x * (factor * each));
                 }
             }
             if let Some((mean, m2)) = fluence {
@@ -154,10 +212,11 @@ pub fn fold(plan: &Plan, bins: &mut [Vec<Bins>], scale: f64, shot: &mut Shot) {
                 }
             }
             if let Some(sum) = source0.filter(|_| any) {
-                sum.iter_mut().zip(&sums[1]).for_each(|(sum, x)| *sum += x);
+                sum.iter_mut().zip(&sums[1]).enumerate().for_each(|(at, (sum, x))| *sum += x * scale[at % channels]);
             }
             if let Some(sum) = subvolume.filter(|_| any) {
-                sum.iter_mut().zip(&sums[2]).for_each(|(sum, x)| *sum += *x as f32);
+                let values = sum.iter_mut().zip(&sums[2]).enumerate();
+                values.for_each(|(at, (sum, x))| *sum += (x * scale[at % channels]) as f32);
             }
         },
     );

@@ -77,6 +77,14 @@ pub fn uniform64(word: u32) -> f64 {
     (f64::from(word) + 0.5) * (1.0 / 4_294_967_296.0)
 }
 
+/// What rounds a number by chance ([`crate::tally::rounded`]), uniform within (0, 1]. Its bits are mixed, for what else
+/// reads the word reads its upper bits first.
+#[inline(always)]
+pub fn rounding(word: u32) -> f32 {
+    // 31 bits, which vectors convert as they are.
+    ((word.wrapping_mul(2_654_435_769) >> 1) as i32 as f32 + 0.5) * (1.0 / 2_147_483_648.0)
+}
+
 /// An exponential free flight in mean free paths, without the end that 32 bits would set at 22.9: the zero word stands
 /// for all that lies beyond 32 ln 2 and draws again (the exponential has no memory).
 #[inline(always)]

@@ -348,6 +348,12 @@ impl<'a> Plan<'a> {
         self.batch_photons > 0
     }
 
+    /// Whether photons tally the light that is not scattered yet: that of the sky, and of the medium itself.
+    pub fn tallies_unscattered(&self) -> bool {
+        let sampled = |l: &LightPlan| l.direct == Direct::Sampled && l.emission == Emission::AtLight;
+        self.scene.medium.emission.is_some() || self.lights.iter().any(sampled)
+    }
+
     /// Whether fluence and in-scattered radiance differ by 1 / (4 pi) only, so that one set of moments serves both.
     pub fn one_moment(&self) -> bool {
         self.scene.medium.phase.is_isotropic() && self.orders == u32::MAX
@@ -502,6 +508,11 @@ fn choose_layers(
     }
 }
 
+/// Photons of a batch at most. In units of 2^-36 of the mean photon's weight the energies of so many are 2^60: eight times
+/// as much, which single photons of more weight (starts at first collisions, survivors of roulette, unequal extinctions)
+/// may make of it by chance, still has its place in 63 bits. Photons are numbered within a batch in 32.
+pub const LARGEST_BATCH: u64 = 1 << 24;
+
 /// Photons per batch and, if their number is given, batches: enough batches for a variance, few enough that folding them
 /// into the moments (a sweep over the volume) stays small beside the walk. Every light has a photon in every batch.
 fn choose_batches(
@@ -513,7 +524,7 @@ fn choose_batches(
 ) -> Result<(u64, Option<u64>)> {
     let round = subvolumes.max(8) as u64;
     // Each fold costs as much as a few photons per voxel of its sweep.
-    let worth = (voxels as u64 / 4).max(1);
+    let worth = (voxels as u64 / 4).clamp(1, LARGEST_BATCH);
     match settings.photons {
         Some(photons) if photons < emitters => {
             scene_error(format!("photons = {photons} is not allowed; each of the {emitters} lights needs one at least"))
@@ -532,5 +543,31 @@ fn choose_batches(
             }
             Ok((size.max(emitters), None))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_stay_within_what_their_sums_hold() {
+        let settings = |photons| Settings { photons, ..Settings::default() };
+        for voxels in [1, 1000, 1 << 21, 1 << 27, 1 << 30, 1 << 36] {
+            for photons in [1, 100, 1 << 18, (1 << 24) - 1, 1 << 27, (1 << 27) + 1, 3 << 30, 1_000_000_000_000_000] {
+                for emitters in [1, 3, 40].into_iter().filter(|&emitters| emitters <= photons) {
+                    let (size, batches) =
+                        choose_batches(&settings(Some(photons)), emitters, voxels, 16, 1e6).expect("enough photons");
+                    let batches = batches.expect("their number is given");
+                    let largest = photons / batches + u64::from(photons % batches > 0);
+                    assert!(largest == size && size <= LARGEST_BATCH, "{voxels} {photons}: {batches} of {largest}");
+                    assert!(photons / batches >= emitters, "{voxels} {photons} {emitters}: {batches}");
+                }
+            }
+            let open = choose_batches(&settings(None), 1, voxels, 16, 1e12).expect("enough photons");
+            assert!(open.0 <= LARGEST_BATCH);
+        }
+        // Eight times the energies of so many mean photons are within 63 bits.
+        assert!(LARGEST_BATCH * 8 <= (1 << 63 >> 36) && LARGEST_BATCH < u64::from(u32::MAX));
     }
 }

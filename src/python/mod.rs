@@ -20,7 +20,7 @@ use crate::plan::{Column, LightPlan, Plan, Settings, cost};
 use crate::result::{Order0, Outcome, Stopped};
 use crate::scene::{Camera, Light};
 use convert::{array, to_py};
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use scene::Prepared;
@@ -375,6 +375,12 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
         }
     }
     out.set_item("harmonics", plan.harmonics)?;
+    if let Some(unreached) = outcome.unreached {
+        out.set_item("unreached", PyArray1::from_vec(py, unreached).reshape(shape)?)?;
+    }
+    if plan.shoots() {
+        out.set_item("one_photon", PyArray1::from_slice(py, &outcome.one_photon[..channels]))?;
+    }
     if let Some(volumes) = outcome.subvolumes {
         out.set_item("subvolumes", array(py, volumes, &by_direction, channels, outcome.replicates)?)?;
     }

@@ -8,7 +8,7 @@
 mod shower;
 mod table;
 
-pub use shower::Shower;
+pub use shower::{Shower, per_mean, weights};
 
 use crate::error::{Result, scene_error};
 use crate::physics::Real;
@@ -244,12 +244,14 @@ impl Map {
         (0..self.channels).map(|c| line(self.around(row, column, c).map(line))).fold(0.0, f64::max)
     }
 
-    /// The most that the sum of all channels reaches within a texel: at its centre, on its edges, or in its corners.
-    fn most(&self, row: usize, column: usize) -> f64 {
+    /// The most that the sum of all channels, each times its factor, reaches within a texel: at its centre, on its edges,
+    /// or in its corners.
+    fn most(&self, row: usize, column: usize, factors: &[f32; 3]) -> f64 {
         let mut sum = [[0.0; 3]; 3];
         for channel in 0..self.channels {
             let values = self.around(row, column, channel);
-            sum.iter_mut().flatten().zip(values.iter().flatten()).for_each(|(sum, v)| *sum += v);
+            let factor = f64::from(factors[channel]);
+            sum.iter_mut().flatten().zip(values.iter().flatten()).for_each(|(sum, v)| *sum += factor * v);
         }
         let ends = |v: [f64; 3]| [0.5 * (v[0] + v[1]), v[1], 0.5 * (v[1] + v[2])];
         let lines = sum.map(ends);
@@ -425,19 +427,19 @@ mod tests {
                 [0, 1, 2].map(|k| uniform64(words[k]))
             };
             let (d, colour) = shower.draw(u, more).expect("the map is not dark");
-            assert!((colour.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+            assert!((colour.iter().sum::<f32>() - 3.0).abs() < 1e-5);
             for (at, sum) in sums.iter_mut().enumerate() {
                 let value = tests[at / 3](d) * f64::from(colour[at % 3]);
                 sum[0] += value;
                 sum[1] += value * value;
             }
         }
-        let power: f64 = map.projected(size).iter().sum();
+        let power = map.projected(size);
         for (at, [sum, square]) in sums.into_iter().enumerate() {
             let truth = over_sphere(1000, |d| {
                 let wide = d.map(f64::from);
                 f64::from(map.radiance(d)[at % 3]) * projected_area(wide, size) * tests[at / 3](wide)
-            }) / power;
+            }) / power[at % 3];
             let mean = sum / count as f64;
             let error = ((square / count as f64 - mean * mean) / count as f64).sqrt();
             assert!((mean - truth).abs() < 5.0 * error + 1e-4, "{at}: {mean} and {truth} within {error}");

@@ -70,6 +70,11 @@ impl<'a> Emission<'a> {
         Field::new(self.planes[channel % self.planes.len()], volume)
     }
 
+    /// The mean over the box, by channel.
+    pub fn means(&self, volume: &Volume) -> [f64; 3] {
+        self.sums.map(|sum| sum / volume.voxels() as f64)
+    }
+
     /// What the medium emits [W], by channel: 4 pi times the volume integral of the source term. Each voxel has the mass 1
     /// in that, with interpolation (clamped at the border) too.
     pub fn power(&self, volume: &Volume) -> [f64; 3] {

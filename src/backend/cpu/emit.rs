@@ -8,7 +8,7 @@ use crate::physics::frame::{rotate, sphere};
 use crate::physics::rng::{Draws, uniform64};
 use crate::physics::solid_angle::box_solid_angle;
 use crate::plan::{Direct, Emission, LightPlan};
-use crate::scene::environment::Shower;
+use crate::scene::environment::{Shower, per_mean, weights};
 use crate::scene::field::{Field, V3};
 use crate::scene::{Light, Scene};
 use rayon::prelude::*;
@@ -32,7 +32,7 @@ pub enum Start {
         p: V3,
         /// Unit direction.
         direction: V3,
-        /// Weight relative to the emitter's photon.
+        /// Weight relative to the emitter's mean photon, by channel.
         weight: [f32; 3],
     },
     /// It is at its first collision, with weights by channel.
@@ -41,7 +41,7 @@ pub enum Start {
         p: V3,
         /// Unit direction before the collision.
         direction: V3,
-        /// Weight relative to the emitter's photon.
+        /// Weight relative to the emitter's mean photon, by channel.
         weight: [f32; 3],
     },
 }
@@ -66,31 +66,36 @@ pub struct FirstCollisions<'a> {
     /// Sums of the shares up to the end of each row along x.
     pub(in crate::backend) rows: Vec<f64>,
     extinction: [f32; 3],
+    /// The light's value that makes the mean weight 1, by channel; 0 where it has no power.
+    pub(in crate::backend) factors: [f32; 3],
     pub(in crate::backend) volume: f32,
     n: [usize; 2],
 }
 
-/// An emitting medium, whose voxels are drawn by what they emit in all channels together.
+/// An emitting medium, whose voxels are drawn by what they emit in all channels together, each over its mean.
 pub(in crate::backend) struct Glowing<'a> {
     pub(in crate::backend) fields: Vec<Field<'a>>,
+    /// What makes each field's mean 1; 0 where it is dark.
+    pub(in crate::backend) factors: [f32; 3],
     /// Sums of the voxels' values up to the end of each row along x.
     pub(in crate::backend) rows: Vec<f64>,
     n: [usize; 2],
 }
 
 impl<'a> Glowing<'a> {
-    fn new(fields: Vec<Field<'a>>) -> Self {
+    fn new(fields: Vec<Field<'a>>, means: [f64; 3]) -> Self {
         let n = fields[0].n().map(|m| m as usize);
+        let factors = per_mean(&means[..fields.len()]);
         let mut rows: Vec<f64> = (0..n[1] * n[2])
             .into_par_iter()
-            .map(|row| (row * n[0]..(row + 1) * n[0]).map(|at| sum_of(&fields, at)).sum())
+            .map(|row| (row * n[0]..(row + 1) * n[0]).map(|at| sum_of(&fields, &factors, at)).sum())
             .collect();
         let mut total = 0.0;
         for row in &mut rows {
             total += *row;
             *row = total;
         }
-        Glowing { fields, rows, n: [n[0], n[1]] }
+        Glowing { fields, factors, rows, n: [n[0], n[1]] }
     }
 
     /// The voxel at the part `u` of all emission.
@@ -102,7 +107,7 @@ impl<'a> Glowing<'a> {
         // Rounding may run over the end of the row: then the last voxel that emits.
         let mut found = 0;
         for i in 0..nx {
-            let value = sum_of(&self.fields, row * nx + i);
+            let value = sum_of(&self.fields, &self.factors, row * nx + i);
             if value > 0.0 {
                 found = i;
                 if rest < value {
@@ -129,18 +134,17 @@ impl<'a> Glowing<'a> {
         })
     }
 
-    /// Each channel's part of the emission at a point.
+    /// The weight of each channel at a point.
     fn colour(&self, p: V3) -> [f32; 3] {
-        let values: [f32; 3] = std::array::from_fn(|c| self.fields[c % self.fields.len()].at(p));
-        let sum: f32 = values.iter().sum();
-        if sum > 0.0 { values.map(|v| v / sum) } else { [0.0; 3] }
+        let values = std::array::from_fn(|c| self.fields[c % self.fields.len()].at(p));
+        weights(values, self.factors)
     }
 }
 
-/// The sum of some fields in a voxel.
+/// The sum of some fields in a voxel, each times its factor.
 #[inline(always)]
-pub(in crate::backend) fn sum_of(fields: &[Field], at: usize) -> f64 {
-    fields.iter().map(|field| f64::from(field.values()[at])).sum()
+pub(in crate::backend) fn sum_of(fields: &[Field], factors: &[f32; 3], at: usize) -> f64 {
+    fields.iter().zip(factors).map(|(field, &factor)| f64::from(field.values()[at] * factor)).sum()
 }
 
 /// How far the search for voxels has come: it goes on from here, for photons come in the order of their voxels.
@@ -189,9 +193,8 @@ impl FirstCollisions<'_> {
         let column =
             if self.interpolated { self.light.rough_column(p, &incident) } else { self.light.column(p, &incident) };
         let scale = self.light.density(p) * incident.falloff * self.volume / share.max(1e-38);
-        let light = &self.light;
         let weight = std::array::from_fn(|c| {
-            self.extinction[c] * light.value[c] * Real::exp(-self.extinction[c] * column) * scale
+            self.extinction[c] * self.factors[c] * Real::exp(-self.extinction[c] * column) * scale
         });
         (incident.direction, weight)
     }
@@ -200,10 +203,8 @@ impl FirstCollisions<'_> {
 /// A light as the walk sees it.
 pub struct Emitter<'a> {
     pub(in crate::backend) kind: Kind<'a>,
-    /// The power of all its photons [W], the largest channel's.
-    pub power: f64,
-    /// Each channel's value over the largest.
-    pub colour: [f32; 3],
+    /// The power of all its photons [W], by channel.
+    pub powers: [f64; 3],
     /// Whether its order 0 is tallied.
     pub tallies_unscattered: bool,
     n: [i32; 3],
@@ -220,55 +221,50 @@ impl<'a> Emitter<'a> {
     ) -> Option<Self> {
         let volume = &scene.medium.volume;
         let (size, h) = (volume.size(), volume.spacing());
-        let top = light.value().max();
-        if plan.emission == Emission::Nothing || top == 0.0 {
+        let value = light.value();
+        if plan.emission == Emission::Nothing || value.max() == 0.0 {
             return None;
         }
         let areas = [size[1] * size[2], size[2] * size[0], size[0] * size[1]];
-        let (kind, power) = match (plan.emission, light) {
-            (Emission::FirstCollision, _) => first_collisions(scene, view?, plan.interpolated_starts)?,
+        let (kind, powers) = match (plan.emission, light) {
+            (Emission::FirstCollision, _) => first_collisions(scene, view?, value.rgb, plan.interpolated_starts)?,
             (_, Light::Point { position, .. }) => {
                 let (axis, cap) = cone(volume.local(*position), size);
-                (Kind::Point { position: volume.local(*position), axis, cap }, 2.0 * PI * cap * top)
+                (Kind::Point { position: volume.local(*position), axis, cap }, value.rgb.map(|v| 2.0 * PI * cap * v))
             }
             (_, Light::Pencil { position, direction, .. }) => {
                 let p = beam(scene, *position, *direction)?.p.map(|c| c as f32);
-                (Kind::Pencil { p, direction: *direction }, top)
+                (Kind::Pencil { p, direction: *direction }, value.rgb)
             }
             (_, Light::Directional { direction, .. }) => {
                 let faces: [f64; 3] = std::array::from_fn(|a| direction[a].abs() * areas[a]);
-                (Kind::Directional { direction: *direction, faces }, faces.iter().sum::<f64>() * top)
+                let area = faces.iter().sum::<f64>();
+                (Kind::Directional { direction: *direction, faces }, value.rgb.map(|v| area * v))
             }
-            (_, Light::Environment { map: None, .. }) => {
-                (Kind::Environment { faces: areas }, light.launched(size).into_iter().fold(0.0, f64::max))
-            }
+            (_, Light::Environment { map: None, .. }) => (Kind::Environment { faces: areas }, light.launched(size)),
             (_, Light::Environment { map: Some(map), .. }) => {
-                let power = light.launched(size)[..map.channels()].iter().sum();
-                (Kind::Map { shower: Shower::new(map, size), faces: areas }, power)
+                (Kind::Map { shower: Shower::new(map, size), faces: areas }, light.launched(size))
             }
         };
-        let weighted = matches!(kind, Kind::FirstCollision(_) | Kind::Map { .. });
-        let colour = light.value().rgb.map(|v| (v / top) as f32);
         let emitter = Emitter {
             kind,
-            power,
-            colour: if weighted { [1.0; 3] } else { colour },
+            powers,
             tallies_unscattered: plan.direct == Direct::Sampled,
             n: volume.n().map(|m| m as i32),
             h,
         };
-        (power > 0.0).then_some(emitter)
+        (powers != [0.0; 3]).then_some(emitter)
     }
 
     /// The emitter of a medium that emits by itself, `None` where it does not.
     pub fn medium(scene: &Scene<'a>) -> Option<Self> {
         let volume = &scene.medium.volume;
         let emission = scene.medium.emission.as_ref()?;
-        let power = emission.power(volume)[..emission.channels()].iter().sum();
-        (power > 0.0).then(|| Emitter {
-            kind: Kind::Medium(Glowing::new((0..emission.channels()).map(|c| emission.field(c, volume)).collect())),
-            power,
-            colour: [1.0; 3],
+        let powers = emission.power(volume);
+        let fields = || (0..emission.channels()).map(|c| emission.field(c, volume)).collect();
+        (powers != [0.0; 3]).then(|| Emitter {
+            kind: Kind::Medium(Glowing::new(fields(), emission.means(volume))),
+            powers,
             tallies_unscattered: true,
             n: volume.n().map(|m| m as i32),
             h: volume.spacing(),
@@ -405,46 +401,73 @@ pub fn cone_solid_angle(position: [f64; 3], size: [f64; 3]) -> f64 {
     2.0 * PI * cone(position, size).1
 }
 
-/// The voxels' shares of the first collisions: mean density times unscattered fluence at the centre.
-fn first_collisions<'a>(scene: &Scene<'a>, light: &Illumination<'a>, interpolated: bool) -> Option<(Kind<'a>, f64)> {
+/// The voxels' shares of the first collisions, and the power of all by channel: mean density times unscattered fluence at
+/// the centre, of the channel whose part of its own power is largest there.
+fn first_collisions<'a>(
+    scene: &Scene<'a>,
+    light: &Illumination<'a>,
+    value: [f64; 3],
+    interpolated: bool,
+) -> Option<(Kind<'a>, [f64; 3])> {
     let volume = &scene.medium.volume;
     let n = volume.n();
     let extinction = scene.medium.extinction.rgb.map(|e| e as f32);
     let cubic = volume.voxel_volume() as f32;
-    let mut power = vec![0.0f32; volume.voxels()];
-    let sums: Vec<f64> = power
-        .par_chunks_mut(n[0])
-        .enumerate()
-        .map(|(row, out)| {
-            let (j, k) = (row % n[1], row / n[1]);
-            let mut sum = 0.0f64;
-            for (i, share) in out.iter_mut().enumerate() {
-                let density = if light.occupied([i, j, k]) { mean_density(volume, [i, j, k]) } else { 0.0 };
-                if density > 0.0 {
-                    let p = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
-                    let incident = light.incident(p);
-                    let column = light.rough_column(p, &incident);
-                    let fluence = (0..3)
-                        .map(|c| extinction[c] * light.value[c] * (-extinction[c] * column).exp())
-                        .fold(0.0, f32::max);
-                    *share = density * fluence * incident.falloff * cubic;
-                    sum += f64::from(*share);
-                }
+    // The collisions in a voxel of a light whose channels all have the largest value, by channel.
+    let largest = value.iter().copied().fold(0.0, f64::max);
+    let collisions = |[i, j, k]: [usize; 3]| {
+        let density = if light.occupied([i, j, k]) { mean_density(volume, [i, j, k]) } else { 0.0 };
+        if density == 0.0 {
+            return [0.0; 3];
+        }
+        let p = [i as f32 + 0.5, j as f32 + 0.5, k as f32 + 0.5];
+        let incident = light.incident(p);
+        let column = light.rough_column(p, &incident);
+        extinction.map(|e| density * (e * largest as f32 * (-e * column).exp()) * incident.falloff * cubic)
+    };
+    let shine = value.map(|v| if v > 0.0 { 1.0 } else { 0.0 });
+    let mut sums = shine;
+    if scene.medium.is_chromatic() {
+        let row = |row: usize| {
+            let mut sums = [0.0f64; 3];
+            for i in 0..n[0] {
+                let here = collisions([i, row % n[1], row / n[1]]);
+                (0..3).for_each(|c| sums[c] += shine[c] * f64::from(here[c]));
             }
-            sum
-        })
-        .collect();
+            sums
+        };
+        let rows: Vec<[f64; 3]> = (0..n[1] * n[2]).into_par_iter().map(row).collect();
+        sums = std::array::from_fn(|c| rows.iter().map(|row| row[c]).sum());
+    }
+    // What makes the channels' sums equal.
+    let top = sums.iter().copied().fold(0.0, f64::max);
+    let level = sums.map(|sum| if sum > 0.0 { (top / sum).min(f64::from(f32::MAX)) as f32 } else { 0.0 });
+    let mut power = vec![0.0f32; volume.voxels()];
+    let rows = power.par_chunks_mut(n[0]).enumerate().map(|(row, out)| {
+        let mut sum = 0.0f64;
+        for (i, share) in out.iter_mut().enumerate() {
+            let here = collisions([i, row % n[1], row / n[1]]);
+            *share = (0..3).map(|c| here[c] * level[c]).fold(0.0, f32::max);
+            sum += f64::from(*share);
+        }
+        sum
+    });
     let mut total = 0.0;
-    let rows: Vec<f64> = sums
+    let rows: Vec<f64> = rows
+        .collect::<Vec<f64>>()
         .into_iter()
         .map(|s| {
             total += s;
             total
         })
         .collect();
+    // With one extinction the shares are the collisions of each channel.
+    let each = if scene.medium.is_chromatic() { sums } else { shine.map(|s| s * total) };
+    let factors = each.map(|sum| if sum > 0.0 { (total / sum * largest).min(f64::from(f32::MAX)) as f32 } else { 0.0 });
     let light = light.clone();
-    let first = FirstCollisions { light, interpolated, power, rows, extinction, volume: cubic, n: [n[0], n[1]] };
-    (total > 0.0).then_some((Kind::FirstCollision(first), total))
+    let first =
+        FirstCollisions { light, interpolated, power, rows, extinction, factors, volume: cubic, n: [n[0], n[1]] };
+    (total > 0.0).then_some((Kind::FirstCollision(first), std::array::from_fn(|c| each[c] * (value[c] / largest))))
 }
 
 /// The mean density over a voxel: its own, or with interpolation the exact mean of the trilinear function, which is

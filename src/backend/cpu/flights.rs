@@ -7,7 +7,8 @@
 //!
 //! Four random words an event: the free flight; the jitter of the density's one read, and two bits for roulette; the
 //! acceptance, whose position within the accepted part is again uniform and gives the scattering angle; the azimuth, and
-//! ten bits that round deposits and extend the flight's word beyond 32 bits.
+//! ten bits that extend the flight's word beyond 32 bits. All bits of the last word together round what the event leaves
+//! in the tallies: that depends on none of them (but for the ten in flights that one photon in millions makes).
 
 use super::shoot::Medium;
 use crate::physics::frame::{rotate, sphere};
@@ -494,12 +495,6 @@ fn flat(c: [u32; 3], n: [u32; 2]) -> u32 {
 fn flight(word: u32, more: u32) -> f32 {
     let rest = ((more & 1023) as f32 + 0.5) * (1.0 / 1024.0);
     -Real::ln((word as f32 + rest) * (1.0 / 4_294_967_296.0))
-}
-
-/// What rounds a deposit, from the lower ten bits.
-#[inline(always)]
-pub fn rounding(word: u32) -> f32 {
-    (word & 1023) as f32 * (1.0 / 1024.0) + 0.5 / 1024.0
 }
 
 /// A part of a turn from the upper 22 bits.

@@ -5,12 +5,12 @@
 //! voxel that a photon crosses often enough to have a normal spread: where the medium is thinner, they are raised.
 
 use super::emit::{Cursor, FirstCollisions, Start};
-use super::flights::{ALL, Course, Flights, N, Row, Scored, bits, mask, rounding};
+use super::flights::{ALL, Course, Flights, N, Row, Scored, bits, mask};
 use super::shoot::{Energies, Engine, ROULETTE, SURVIVAL, Task, Walk};
 use super::simd::{Kernel, best, dispatch};
 use crate::physics::Real;
 use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
-use crate::physics::rng::{split, uniform, uniform64, words};
+use crate::physics::rng::{rounding, split, uniform, uniform64, words};
 use crate::plan::{Plan, Route, Simd};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::field::{V3, leave};
@@ -215,7 +215,7 @@ impl<const C: usize> Seeds<C> {
                 self.d[a][i] = d[a];
             }
             for c in 0..C {
-                self.weight[c][i] = weight[c] * task.scale;
+                self.weight[c][i] = weight[c] * task.scale[c];
             }
         }
         self.next += count as u64;
@@ -226,13 +226,17 @@ impl<const C: usize> Seeds<C> {
     #[inline(always)]
     fn enter(&mut self, tables: &Laned<C>, task: &Task, energies: &mut Energies) {
         let index = split(task.first + self.next);
-        let weight: [f32; C] = std::array::from_fn(|c| task.emitter.colour[c] * task.scale);
-        let (draws, start) = task.start(tables.course.seed, self.next);
+        let weight: [f32; C] = std::array::from_fn(|c| task.scale[c]);
+        let (mut draws, start) = task.start(tables.course.seed, self.next);
         self.next += 1;
         let (p, direction, weight) = match start {
             Start::Flight { p, direction } => (p, direction, weight),
-            Start::Coloured { p, direction, weight } => (p, direction, std::array::from_fn(|c| weight[c] * task.scale)),
-            Start::Miss | Start::Collision { .. } => return energies.add(Share::Missed, weight),
+            Start::Coloured { p, direction, weight } => {
+                (p, direction, std::array::from_fn(|c| weight[c] * task.scale[c]))
+            }
+            Start::Miss | Start::Collision { .. } => {
+                return energies.add(Share::Missed, weight, rounding(draws.next4()[3]));
+            }
         };
         for a in 0..3 {
             self.p[a][0] = p[a];
@@ -334,23 +338,24 @@ impl<const C: usize> Lanes<C> {
     fn decide(&mut self, lane: usize, tables: &Laned<C>, energies: &mut Energies) -> bool {
         let after: [f32; C] = std::array::from_fn(|c| self.weight[c][lane]);
         let top = after.iter().fold(0.0, |m: f32, &x| m.max(x));
+        let xi = rounding(self.flights.word[3][lane]);
         let dead = if top <= 0.0 {
             true
         } else if self.order[lane] > tables.last {
-            energies.add(Share::Truncated, after);
+            energies.add(Share::Truncated, after, xi);
             true
         } else if !self.flights.survives(lane) {
-            energies.add(Share::Roulette, after);
+            energies.add(Share::Roulette, after, xi);
             true
         } else {
             for c in 0..C {
                 self.weight[c][lane] *= 1.0 / SURVIVAL;
             }
-            energies.add::<C>(Share::Roulette, std::array::from_fn(|c| after[c] - self.weight[c][lane]));
+            energies.add::<C>(Share::Roulette, std::array::from_fn(|c| after[c] - self.weight[c][lane]), xi);
             false
         };
         if dead {
-            energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| self.absorbed[c][lane]));
+            energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| self.absorbed[c][lane]), xi);
         }
         dead
     }
@@ -363,17 +368,17 @@ impl<const C: usize> Lanes<C> {
         let (axis, _) = leave(p, v, tables.course.field.n());
         let face = 2 * axis + usize::from(v[axis] > 0.0);
         let share = if self.order[lane] == 0 { Share::Unscattered } else { EXIT_FACES[face] };
-        energies.add::<C>(share, std::array::from_fn(|c| self.weight[c][lane]));
-        energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| self.absorbed[c][lane]));
+        let xi = rounding(self.flights.word[3][lane]);
+        energies.add::<C>(share, std::array::from_fn(|c| self.weight[c][lane]), xi);
+        energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| self.absorbed[c][lane]), xi);
     }
 
     /// Scores the tentative collisions of some lanes.
     #[inline(always)]
     fn deposit(&mut self, tables: &Laned<C>, walk: &Walk, sinks: &Sinks, scored: u32) {
-        for i in 0..N {
-            let unit = walk.unit * self.flights.free_path[i];
-            for c in 0..C {
-                self.score[c][i] = self.weight[c][i] * unit;
+        for c in 0..C {
+            for i in 0..N {
+                self.score[c][i] = self.weight[c][i] * (walk.units[c] * self.flights.free_path[i]);
             }
         }
         if let Some(order) = tables.harmonics {
@@ -444,19 +449,23 @@ impl<const C: usize> Lanes<C> {
     fn add(&mut self, sinks: &[Option<&Bins>; 3], value: &[Row<f32>; C], scored: u32) {
         // Nearly always all lanes are at an inner order.
         let outer = mask(|i| self.order[i] == 0 || self.order[i] == self.last) & scored;
+        let mut xi = [0.0f32; N];
+        for i in 0..N {
+            xi[i] = rounding(self.flights.word[3][i]);
+        }
         for c in 0..C {
-            let mut units = [0.0f32; N];
             let mut whole = [0i32; N];
             let mut large = false;
             for i in 0..N {
-                units[i] = value[c][i] + rounding(self.flights.word[3][i]);
-                whole[i] = units[i] as i32;
-                large |= units[i] >= 2_147_483_648.0;
+                // As `tally::rounded` does, of what is not negative.
+                let cut = value[c][i] as i32;
+                whole[i] = cut + i32::from(xi[i] < value[c][i] - cut as f32);
+                large |= value[c][i] >= 2_147_483_648.0;
             }
             if large {
                 for lane in bits(scored) {
                     if let Some(bins) = sinks[self.slot(lane)] {
-                        bins.add(self.flights.voxel[lane] as usize * C + c, units[lane], 0.0);
+                        bins.add(self.flights.voxel[lane] as usize * C + c, value[c][lane], xi[lane]);
                     }
                 }
                 continue;

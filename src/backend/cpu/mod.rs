@@ -19,7 +19,7 @@ pub mod unscattered;
 
 use crate::backend::Control;
 use crate::backend::run::Shooter;
-use crate::backend::shot::bin_unit;
+use crate::backend::shot::bin_units;
 use crate::error::{Error, Result};
 use crate::plan::{Layer, Plan, Tracker, cost};
 use crate::scene::field::Field;
@@ -59,7 +59,7 @@ impl<E: Engine> Shooter for Shooting<'_, E> {
         self.walk.bins = std::mem::take(&mut self.bins);
         let finished = self.walk.batch(&self.engine, first, photons, control, urgent);
         self.bins = std::mem::take(&mut self.walk.bins);
-        Ok(finished)
+        finished.map(Energies::checked).transpose()
     }
 
     fn bins(&mut self) -> Result<&mut [Vec<Bins>]> {
@@ -81,7 +81,7 @@ fn shooting<'a>(plan: &'a Plan<'a>, emitters: &'a [Emitter<'a>], engine: impl En
     let sets = cost::bin_sets(plan);
     let new = |layer: &Layer| Bins::new(values * plan.width_of(*layer), sets == 1);
     let bins = plan.layers.iter().map(|layer| (0..sets).map(|_| new(layer)).collect()).collect();
-    let walk = Walk { plan, emitters, bins: Vec::new(), sets, unit: bin_unit(plan) as f32 };
+    let walk = Walk { plan, emitters, bins: Vec::new(), sets, units: bin_units(plan).map(|unit| unit as f32) };
     Box::new(Shooting { engine, walk, bins })
 }
 

@@ -6,7 +6,7 @@ use super::gather::Volumes;
 use super::light::Illumination;
 use super::pixel_error;
 use super::unscattered::{Aim, Balance, balance};
-use crate::backend::shot::Shot;
+use crate::backend::shot::{Shot, of_one_photon, per_unit, source_of_one_photon};
 use crate::backend::single::{Single, single};
 use crate::backend::{Control, Device};
 use crate::error::Result;
@@ -30,16 +30,17 @@ pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
     let tallied = !plan.layers.is_empty() && count > 0;
 
     let absorbed = plan.finds_absorbed().then(|| {
-        let largest = plan.largest_absorption();
         let mut mean = vec![0.0; values];
         let mut error = vec![0.0; values];
         if tallied {
-            let scale = |at: usize| largest[at % channels];
-            let tally = std::mem::take(&mut shot.absorbed);
-            mean.par_iter_mut().zip(&tally.mean).enumerate().for_each(|(at, (m, x))| *m = (x * scale(at)) as f32);
-            error.par_iter_mut().zip(&tally.m2).enumerate().for_each(|(at, (e, m2))| {
-                *e = if scale(at) > 0.0 { scale(at) as f32 * Moments::error(*m2, count) } else { 0.0 };
-            });
+            let largest = plan.largest_absorption();
+            let of = |units: [f64; 3]| -> [f64; 3] { std::array::from_fn(|c| units[c] * largest[c]) };
+            let unit = of(per_unit(plan, shot.powers));
+            let one = of(of_one_photon(plan, &shot));
+            (mean, error) = shot.absorbed.settle(&unit[..channels], &one[..channels], count);
+            // Where photons were counted and nothing is absorbed, there is nothing that absorbs.
+            let empty = |at: usize| shot.absorbed.is_empty(at) && !shot.fluence.is_empty(at);
+            error.par_iter_mut().enumerate().filter(|&(at, _)| empty(at)).for_each(|(_, e)| *e = 0.0);
         }
         (mean, error)
     });
@@ -48,25 +49,35 @@ pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
         let mut mean = vec![0.0; values];
         let mut error = vec![0.0; values];
         if tallied {
-            mean.par_iter_mut().zip(&shot.fluence.mean).for_each(|(m, x)| *m = *x as f32);
-            error.par_iter_mut().zip(&shot.fluence.m2).for_each(|(e, m2)| *e = Moments::error(*m2, count));
+            let unit = per_unit(plan, shot.powers);
+            (mean, error) = shot.fluence.settle(&unit[..channels], &of_one_photon(plan, &shot)[..channels], count);
         }
         (mean, error)
     });
 
     // J towards the eye of the run with its error, for the voxels' radiance; and for images J, or its harmonics.
+    let one_photon = source_of_one_photon(plan, &shot);
     let (mut seen, mut seen_error) = (None, vec![0.0f32; if plan.settings.radiance { values } else { 0 }]);
     let mut source = None;
     if tallied && plan.wants_source() {
-        let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
+        let (moments, scale) =
+            if plan.one_moment() { (&shot.fluence, f64::from(PER_SPHERE)) } else { (&shot.source, 1.0) };
         if !moments.mean.is_empty() {
-            seen = Some(moments.mean.par_iter().map(|x| (*x as f32) * scale).collect::<Vec<f32>>());
-            seen_error.par_iter_mut().zip(&moments.m2).for_each(|(e, m2)| *e = scale * Moments::error(*m2, count));
+            let unit = per_unit(plan, shot.powers).map(|unit| unit * scale);
+            let (mean, spread) = moments.settle(&unit[..channels], &one_photon[..channels], count);
+            seen = Some(mean);
+            if plan.settings.radiance {
+                seen_error = spread;
+            }
         }
         if plan.settings.image && (plan.width() > 1 || seen.is_none()) {
             source = Some(mean_of_sums(&shot.subvolumes, count));
         }
     }
+    let unreached = {
+        let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
+        if tallied { moments.unreached(channels) } else { None }
+    };
     shot.fluence = Moments::default();
     shot.source = Moments::default();
 
@@ -104,6 +115,8 @@ pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
         source0,
         subvolumes,
         replicates,
+        unreached,
+        one_photon,
         columns: Vec::new(),
         energy,
         order0,
@@ -197,13 +210,13 @@ fn energy(plan: &Plan, shot: &Shot) -> Energy {
     let scene = plan.scene;
     let size = scene.medium.volume.size();
     let mut energy = Energy::default();
-    let photons: f64 = shot.energies.iter().map(|e| e.2 as f64).sum();
+    let photons: f64 = shot.energies.iter().map(|e| e.1 as f64).sum();
     for c in 0..plan.channels {
         let mut totals = Vec::with_capacity(shot.energies.len());
-        for (batch, power, count) in &shot.energies {
+        for (batch, count) in &shot.energies {
             let mut total = 0.0;
             for (share, _) in Share::ALL {
-                let watts = batch.get(share, c) * power;
+                let watts = batch.get(share, c) * shot.powers[c] / *count as f64;
                 energy.fractions[share.index()][c] += watts * *count as f64 / photons;
                 total += watts;
             }
@@ -290,8 +303,8 @@ pub fn relative_error(
     if !plan.over_pixels() {
         let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
         let count = shot.batches;
-        let mut values: Vec<f32> = moments.mean.par_iter().map(|m| *m as f32).collect();
-        let mut errors: Vec<f32> = moments.m2.par_iter().map(|m2| Moments::error(*m2, count)).collect();
+        let unit = per_unit(plan, shot.powers);
+        let (mut values, mut errors) = moments.settle(&unit[..channels], &of_one_photon(plan, shot)[..channels], count);
         if !shot.fluence.mean.is_empty() && plan.settings.fluence {
             let found = match order0 {
                 Some(found) => found,
@@ -323,8 +336,11 @@ pub fn replicates_seen(plan: &Plan, device: &Device, shot: &Shot) -> Result<Opti
     let (mut means, k) = if used > 0 {
         (interleaved(&shot.subvolumes[..used], &shot.subvolume_batches[..used]), used)
     } else {
-        let (moments, scale) = if plan.one_moment() { (&shot.fluence, PER_SPHERE) } else { (&shot.source, 1.0) };
-        (moments.mean.par_iter().map(|x| (*x as f32) * scale).collect(), 1)
+        let (moments, scale) =
+            if plan.one_moment() { (&shot.fluence, f64::from(PER_SPHERE)) } else { (&shot.source, 1.0) };
+        let unit = per_unit(plan, shot.powers);
+        let mean = |(at, x): (usize, &f64)| (x * unit[at % plan.channels] * scale) as f32;
+        (moments.mean.par_iter().enumerate().map(mean).collect(), 1)
     };
     if means.is_empty() {
         return Ok(None);

@@ -3,20 +3,22 @@
 use super::emit::{Emitter, Start};
 use super::track::{Flight, Scorer, Tracker, Weights};
 use crate::backend::Control;
+use crate::error::{Error, Result};
 use crate::physics::Phase;
 use crate::physics::frame::rotate;
 use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
-use crate::physics::rng::{Draws, split, uniform, uniform64};
+use crate::physics::rng::{Draws, rounding, split, uniform, uniform64};
 use crate::plan::{Plan, Route};
 use crate::result::{EXIT_FACES, Share};
 use crate::scene::camera::Eye;
 use crate::scene::field::{Field, V3};
 use crate::scene::{Albedo, Camera, Scene};
-use crate::tally::Bins;
+use crate::tally::{Bins, rounded};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Fixed-point unit of energies: weights of 1 are 2^36 units, so that 2^26 of them stay within 63 bits.
+/// Fixed-point unit of energies: weights of 1 are 2^36 units. Those of a batch, whose mean is 1 at the start, stay far
+/// within 63 bits: [`crate::plan::LARGEST_BATCH`].
 const ENERGY_UNIT: f32 = 68_719_476_736.0;
 /// Collisions between looks at the clock and the stop flag within one photon.
 const PATIENCE: u32 = 1 << 14;
@@ -29,36 +31,57 @@ pub const SURVIVAL: f32 = 0.25;
 #[derive(Debug, Clone, Copy)]
 pub struct Energies {
     shares: [[i64; 3]; Share::COUNT],
+    /// Whether a sum left the range of its integer.
+    overflowed: bool,
     /// Real collisions.
     pub collisions: u64,
 }
 
 impl Default for Energies {
     fn default() -> Self {
-        Energies { shares: [[0; 3]; Share::COUNT], collisions: 0 }
+        Energies { shares: [[0; 3]; Share::COUNT], overflowed: false, collisions: 0 }
     }
 }
 
 impl Energies {
     /// Sums of shares by channel in 2^-36 of a weight, and real collisions.
     pub fn from_units(shares: [[i64; 3]; Share::COUNT], collisions: u64) -> Self {
-        Energies { shares, collisions }
+        Energies { shares, overflowed: false, collisions }
     }
 
-    /// Adds a weight to a share.
+    /// Adds a weight to a share; `xi` rounds.
     #[inline(always)]
-    pub fn add<const C: usize>(&mut self, share: Share, weight: [f32; C]) {
+    pub fn add<const C: usize>(&mut self, share: Share, weight: [f32; C], xi: f32) {
         for c in 0..C {
-            self.shares[share.index()][c] += (weight[c] * ENERGY_UNIT) as i64;
+            self.add_units(share.index(), c, rounded(weight[c] * ENERGY_UNIT, xi));
         }
     }
 
-    fn merge(mut self, other: Self) -> Self {
-        for (mine, theirs) in self.shares.iter_mut().flatten().zip(other.shares.iter().flatten()) {
-            *mine += theirs;
+    #[inline(always)]
+    fn add_units(&mut self, share: usize, channel: usize, units: i64) {
+        let (sum, overflowed) = self.shares[share][channel].overflowing_add(units);
+        self.shares[share][channel] = sum;
+        self.overflowed |= overflowed;
+    }
+
+    /// The sums of both.
+    pub fn merge(mut self, other: Self) -> Self {
+        for share in 0..Share::COUNT {
+            for channel in 0..3 {
+                self.add_units(share, channel, other.shares[share][channel]);
+            }
         }
+        self.overflowed |= other.overflowed;
         self.collisions += other.collisions;
         self
+    }
+
+    /// Itself, or an error where a sum ever left its range.
+    pub fn checked(self) -> Result<Self> {
+        if self.overflowed {
+            return Err(Error::Internal("the energies of a batch exceeded 2^63 units".into()));
+        }
+        Ok(self)
     }
 
     /// The sum in a share and channel, in weights.
@@ -77,16 +100,16 @@ pub struct Walk<'a> {
     pub bins: Vec<Vec<Bins>>,
     /// Sets of bins in each layer.
     pub sets: usize,
-    /// Bin units per weight * length.
-    pub unit: f32,
+    /// Bin units per weight * length, by channel.
+    pub units: [f32; 3],
 }
 
-/// Photons that one thread walks without looking up: those of one emitter, all of the same power.
+/// Photons that one thread walks without looking up: those of one emitter, all of the same power by channel.
 pub struct Task<'a> {
     /// Where they start.
     pub emitter: &'a Emitter<'a>,
-    /// The power of each over that of the batch's mean photon.
-    pub scale: f32,
+    /// The power of each over that of the batch's mean photon, by channel.
+    pub scale: [f32; 3],
     /// Number of the emitter's first photon in the run.
     pub first: u64,
     /// Photons of the emitter in this batch.
@@ -114,23 +137,31 @@ pub trait Engine: Sync {
     fn task(&self, walk: &Walk, task: &Task, energies: &mut Energies, halted: &(impl Fn() -> bool + Sync));
 }
 
-/// The numbers of photons that the emitters get of `photons`: proportional to power, one at least, rounded so that the
-/// sum is right.
-pub fn allot(powers: &[f64], photons: u64) -> Vec<u64> {
-    let total: f64 = powers.iter().sum();
+/// The numbers of photons that the emitters get of `photons`, and the power of each of these over that of the mean photon,
+/// by channel. An emitter gets as many as its part of the power says, in the channel where that is largest: a channel
+/// that one weak lamp fills alone has photons as others have. One at least, rounded so that the sum is right.
+pub fn allot(powers: &[[f64; 3]], photons: u64) -> Vec<(u64, [f32; 3])> {
+    let totals = total(powers);
+    let part = |power: &[f64; 3], c: usize| if totals[c] > 0.0 { power[c] / totals[c] } else { 0.0 };
+    let shares: Vec<f64> = powers.iter().map(|p| (0..3).map(|c| part(p, c)).fold(0.0, f64::max)).collect();
+    let sum: f64 = shares.iter().sum();
     let spare = photons - powers.len() as u64;
-    let mut given = Vec::with_capacity(powers.len());
     let (mut cumulative, mut before) = (0.0, 0);
-    for power in powers {
-        cumulative += power;
-        let upto = ((cumulative / total * spare as f64).round() as u64).min(spare);
-        given.push(1 + upto - before);
+    let mut given = Vec::with_capacity(powers.len());
+    for (at, power) in powers.iter().enumerate() {
+        cumulative += shares[at];
+        let last = at + 1 == powers.len();
+        let upto = if last { spare } else { ((cumulative / sum * spare as f64).round() as u64).min(spare) };
+        let count = 1 + upto - before;
+        given.push((count, std::array::from_fn(|c| (part(power, c) * (photons as f64 / count as f64)) as f32)));
         before = upto;
     }
-    if let Some(last) = given.last_mut() {
-        *last += spare - before;
-    }
     given
+}
+
+/// The power of all emitters [W], by channel.
+pub fn total(powers: &[[f64; 3]]) -> [f64; 3] {
+    std::array::from_fn(|c| powers.iter().map(|power| power[c]).sum())
 }
 
 impl Walk<'_> {
@@ -143,13 +174,10 @@ impl Walk<'_> {
         control: &Control,
         urgent: bool,
     ) -> Option<Energies> {
-        let powers: Vec<f64> = self.emitters.iter().map(|e| e.power).collect();
-        let counts = allot(&powers, photons);
-        let reference = powers.iter().sum::<f64>() / photons as f64;
+        let powers: Vec<[f64; 3]> = self.emitters.iter().map(|e| e.powers).collect();
         let mut tasks = Vec::new();
         let mut from = first;
-        for (emitter, count) in self.emitters.iter().zip(counts) {
-            let scale = (emitter.power / count as f64 / reference) as f32;
+        for (emitter, (count, scale)) in self.emitters.iter().zip(allot(&powers, photons)) {
             tasks.extend(pieces(count, engine).map(|range| Task { emitter, scale, first: from, count, range }));
             from += count;
         }
@@ -210,24 +238,24 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
         let phase = &plan.scene.medium.phase;
         let last = plan.walked_orders();
         let medium = Medium::new(plan.scene);
-        let colour: [f32; C] = std::array::from_fn(|c| emitter.colour[c] * scale);
+        let colour: [f32; C] = std::array::from_fn(|c| scale[c]);
         let hero = if plan.chromatic { draws.next4()[0] } else { 0 };
         let mut order = 0u32;
         let mut collisions = 0u32;
         let (mut w, mut p, mut direction, mut at_collision) = match start {
-            Start::Miss => return energies.add(Share::Missed, colour),
+            Start::Miss => return energies.add(Share::Missed, colour, rounding(draws.next4()[0])),
             Start::Flight { p, direction } => (Weights::new(colour, hero), p, direction, false),
             Start::Coloured { p, direction, weight } => {
-                (Weights::new(std::array::from_fn(|c| weight[c] * scale), hero), p, direction, false)
+                (Weights::new(std::array::from_fn(|c| weight[c] * scale[c]), hero), p, direction, false)
             }
             Start::Collision { p, direction, weight } => {
-                (Weights::new(std::array::from_fn(|c| weight[c] * scale), hero), p, direction, true)
+                (Weights::new(std::array::from_fn(|c| weight[c] * scale[c]), hero), p, direction, true)
             }
         };
         let mut scorer = Scores {
             bins: &walk.bins,
             set: walk.set(),
-            unit: walk.unit,
+            units: walk.units,
             route: (None, None),
             absorbed: plan.absorbed,
             medium: &medium,
@@ -252,7 +280,7 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
                 match self.0.fly(p, v, &mut w, draws, &mut scorer) {
                     Flight::Exit(face) => {
                         let share = if order == 0 { Share::Unscattered } else { EXIT_FACES[face] };
-                        energies.add(share, w.get());
+                        energies.add(share, w.get(), rounding(draws.next4()[0]));
                         break;
                     }
                     Flight::Collision(at) => p = at,
@@ -267,24 +295,26 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
                 w.value[c] *= albedo[c];
             }
             let after = w.get();
-            energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| before[c] - after[c]));
+            // The azimuth's word: nothing that this collision leaves depends on it.
+            let xi = rounding(words[1]);
+            energies.add::<C>(Share::Absorbed, std::array::from_fn(|c| before[c] - after[c]), xi);
             let top = after.iter().fold(0.0, |m: f32, &x| m.max(x));
             if top <= 0.0 {
                 break;
             }
             if order >= last {
-                energies.add(Share::Truncated, after);
+                energies.add(Share::Truncated, after, xi);
                 break;
             }
             order += 1;
             if last == u32::MAX && top < ROULETTE {
                 if uniform(words[3]) > SURVIVAL {
-                    energies.add(Share::Roulette, after);
+                    energies.add(Share::Roulette, after, xi);
                     break;
                 }
                 w.value = w.value.map(|x| x * (1.0 / SURVIVAL));
                 let grown = w.get();
-                energies.add::<C>(Share::Roulette, std::array::from_fn(|c| after[c] - grown[c]));
+                energies.add::<C>(Share::Roulette, std::array::from_fn(|c| after[c] - grown[c]), xi);
             }
             let (cos_theta, sin_theta) = phase.sample(uniform(words[0]));
             direction = rotate(direction, cos_theta, sin_theta, uniform(words[1]));
@@ -400,7 +430,7 @@ impl LocalEye {
 struct Scores<'a> {
     bins: &'a [Vec<Bins>],
     set: usize,
-    unit: f32,
+    units: [f32; 3],
     route: Route,
     absorbed: Option<usize>,
     medium: &'a Medium<'a>,
@@ -416,21 +446,21 @@ impl<const C: usize> Scorer<C> for Scores<'_> {
     fn score(&mut self, index: usize, p: V3, value: [f32; C], xi: f32) {
         if let Some(layer) = self.route.0 {
             for c in 0..C {
-                self.bins[layer][self.set].add(index * C + c, value[c] * self.unit, xi);
+                self.bins[layer][self.set].add(index * C + c, value[c] * self.units[c], xi);
             }
         }
         if let (Some(layer), Some(order)) = (self.route.1, self.harmonics) {
             let k = count(order);
             for at in 0..k * C {
-                let units = value[at % C] * self.unit * self.y[at / C];
+                let units = value[at % C] * self.units[at % C] * self.y[at / C];
                 self.bins[layer][self.set].add(index * k * C + at, units, xi);
             }
         } else if let Some(layer) = self.route.1 {
             let to_eye = self.medium.eye.from(p, self.medium.h);
             let cos_theta = (0..3).map(|a| to_eye[a] * self.direction[a]).sum::<f32>().clamp(-1.0, 1.0);
-            let seen = self.phase.pdf(cos_theta) * self.unit;
+            let seen = self.phase.pdf(cos_theta);
             for c in 0..C {
-                self.bins[layer][self.set].add(index * C + c, value[c] * seen, xi);
+                self.bins[layer][self.set].add(index * C + c, value[c] * self.units[c] * seen, xi);
             }
         }
     }
@@ -443,9 +473,9 @@ impl<const C: usize> Scorer<C> for Scores<'_> {
     #[inline(always)]
     fn absorb(&mut self, index: usize, p: V3, density: f32, value: [f32; C], xi: f32) {
         let Some(layer) = self.absorbed else { return };
-        let absorbed = self.medium.relative_absorption(p, density) * self.unit;
+        let absorbed = self.medium.relative_absorption(p, density);
         for c in 0..C {
-            self.bins[layer][self.set].add(index * C + c, value[c] * absorbed, xi);
+            self.bins[layer][self.set].add(index * C + c, value[c] * self.units[c] * absorbed, xi);
         }
     }
 }
@@ -459,9 +489,71 @@ mod tests {
         for (powers, photons) in
             [(vec![1.0, 2.0, 3.0], 1000), (vec![1e-9, 1.0], 2), (vec![5.0], 17), (vec![1.0; 7], 100)]
         {
+            let powers: Vec<[f64; 3]> = powers.into_iter().map(|power| [power; 3]).collect();
             let given = allot(&powers, photons);
-            assert_eq!(given.iter().sum::<u64>(), photons);
-            assert!(given.iter().all(|&g| g > 0));
+            assert_eq!(given.iter().map(|g| g.0).sum::<u64>(), photons);
+            assert!(given.iter().all(|g| g.0 > 0));
+            // The mean photon has the weight 1.
+            let mean = given.iter().map(|g| g.0 as f64 * f64::from(g.1[0])).sum::<f64>() / photons as f64;
+            assert!((mean - 1.0).abs() < 1e-6, "{mean}");
+        }
+    }
+
+    #[test]
+    fn a_channel_that_a_weak_lamp_fills_alone_has_photons() {
+        let given = allot(&[[1.0, 1.0, 0.0], [0.0, 0.0, 1e-20]], 1000);
+        assert_eq!(given, [(500, [2.0, 2.0, 0.0]), (500, [0.0, 0.0, 2.0])]);
+    }
+
+    #[test]
+    fn no_photon_weighs_more_than_a_few_mean_ones() {
+        for w in [1.0, 1e-3, 1e-9, 1e-25] {
+            for powers in
+                [vec![[1.0, w, w * w], [w, 1.0, w], [w, w, w]], vec![[1.0; 3], [w; 3]], vec![[w, 0.0, 0.0]; 9]]
+            {
+                for photons in [powers.len() as u64, 20, 1000, 1 << 24] {
+                    let most = 2.0 * powers.len().max(3) as f32;
+                    let given = allot(&powers, photons);
+                    assert!(
+                        given.iter().all(|(_, scale)| scale.iter().all(|&s| s <= most)),
+                        "{w} {photons}: {given:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn energies_that_leave_their_range_are_an_error() {
+        let near = |units: i64| Energies::from_units([[units; 3]; Share::COUNT], 0);
+        let mut fits = near(i64::MAX - (1 << 37));
+        fits.add(Share::Absorbed, [1.0f32], 0.5);
+        assert!(fits.checked().is_ok());
+        fits.add(Share::Absorbed, [2.0f32], 0.5);
+        assert!(fits.checked().is_err_and(|e| e.to_string().contains("2^63")));
+        assert!(near(1 << 62).merge(near(1 << 62)).checked().is_err());
+        assert!(near(1 << 61).merge(near(1 << 61)).checked().is_ok());
+        assert!(near(-1 << 62).merge(near(-1 << 62)).merge(near(-1)).checked().is_err());
+        // What is not finite is no energy.
+        let mut infinite = near(1);
+        infinite.add(Share::Absorbed, [f32::INFINITY], 0.5);
+        assert!(infinite.checked().is_err());
+    }
+
+    #[test]
+    fn small_energies_keep_their_mean() {
+        let mut sum = Energies::default();
+        let n = 1 << 20;
+        for i in 0..n {
+            let xi = rounding(crate::physics::rng::words([1, 0], [i, 0], 0, 0)[0]);
+            // A hundredth of a unit, up and down.
+            sum.add(Share::Absorbed, [0.01 / ENERGY_UNIT, -0.01 / ENERGY_UNIT], xi);
+        }
+        for (channel, sign) in [(0, 1.0), (1, -1.0)] {
+            let units = sum.get(Share::Absorbed, channel) * f64::from(ENERGY_UNIT) * sign;
+            let (mean, error) = (0.01 * f64::from(n), (0.01 * f64::from(n)).sqrt());
+            // 1 in 10^7.
+            assert!((units - mean).abs() < 5.3 * error, "{units} of {mean}");
         }
     }
 }

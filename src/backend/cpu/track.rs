@@ -1,7 +1,7 @@
 //! Trackers: from one point of a photon's way to its next collision, or out of the box.
 
 use crate::physics::flight::box_range;
-use crate::physics::rng::{Draws, exponential, uniform};
+use crate::physics::rng::{Draws, exponential, rounding, uniform};
 use crate::plan::{LEAST_SCORED_DEPTH, MajorantGrid, Plan, Score};
 use crate::scene::block_maxima;
 use crate::scene::field::{Dda, Field, V3, along, local};
@@ -56,7 +56,7 @@ pub enum Flight {
 
 /// Where flights leave their scores: `weight * length` at a point of a voxel.
 pub trait Scorer<const C: usize> {
-    /// Adds to the voxel `index`, around the point `p`; `xi` within [0, 1) rounds.
+    /// Adds to the voxel `index`, around the point `p`; `xi` within (0, 1] rounds.
     fn score(&mut self, index: usize, p: V3, value: [f32; C], xi: f32);
 
     /// Whether what is absorbed is scored too.
@@ -70,12 +70,6 @@ pub trait Scorer<const C: usize> {
 pub trait Tracker<const C: usize>: Sync {
     /// Flies from `p` along `v`, scoring on the way.
     fn fly<S: Scorer<C>>(&self, p: V3, v: V3, w: &mut Weights<C>, draws: &mut Draws, scorer: &mut S) -> Flight;
-}
-
-/// A rounding number within [0, 1) from bits that nothing else reads.
-#[inline(always)]
-fn rounding(word: u32) -> f32 {
-    (word >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
 /// Which part of a piece a random point of it lies behind.

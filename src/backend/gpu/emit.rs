@@ -31,6 +31,8 @@ pub struct Constants {
     pub width: u32,
     pub height: u32,
     pub spare: u32,
+    pub factors: [f32; 3],
+    pub padding: u32,
 }
 
 /// An emitter's constants and tables on the GPU.
@@ -50,10 +52,10 @@ pub struct Start {
     branch: Option<(&'static str, bool)>,
     /// Loop iterations that a start may take.
     pub iterations: u32,
-    /// The power of its photons [W].
-    pub power: f64,
+    /// The power of its photons [W], by channel.
+    pub powers: [f64; 3],
+    /// What the weight of a photon of each channel is multiplied by, where the mean photon has the weight 1.
     colour: [f32; 3],
-    scale: f32,
     /// Whether its order 0 is tallied.
     pub tallies_unscattered: bool,
 }
@@ -88,6 +90,11 @@ fn tables(sums: &[f64], width: usize, mass: impl Fn(usize) -> f64) -> (Vec<[u32;
     (rows.map(split).collect(), cells)
 }
 
+/// How many channels with power were drawn by together: weights are parts of their sum.
+fn lit(factors: [f32; 3]) -> [f32; 3] {
+    [factors.iter().filter(|&&factor| factor > 0.0).count() as f32; 3]
+}
+
 impl Start {
     /// Uploads an emitter.
     pub fn new(gpu: &Gpu, scene: &Scene, emitter: &Emitter) -> Result<Self> {
@@ -97,7 +104,7 @@ impl Start {
         let mut constants = Constants::default();
         let mut files = vec!["start"];
         let (mut table, mut lights, mut maps, mut glow) = (None, None, None, None);
-        let (mut scale, mut iterations, mut branch) = (1.0, 0, None);
+        let (mut colour, mut iterations, mut branch) = ([1.0; 3], 0, None);
         let (mut rows, mut columns, mut height) = (n[1] * n[2], n[0], n[1]);
         let mut faces = |areas: &[f64; 3]| {
             let total = areas.iter().sum::<f64>();
@@ -137,14 +144,17 @@ impl Start {
                 table = Some(tables(&first.rows, n[0], |at| f64::from(first.power[at])));
                 lights = Some(Lights::new(gpu, std::iter::once((&first.light, 1.0)))?);
                 branch = Some(("INTERPOLATED", first.interpolated));
-                scale = f64::from(first.volume) / emitter.power;
+                constants.scale = (f64::from(first.volume) / first.rows[first.rows.len() - 1]) as f32;
+                colour = first.factors;
                 iterations = 64 + if volume.is_constant() { 0 } else { (n.iter().sum::<usize>() + 8) as u32 };
             }
             Kind::Medium(glowing) => {
                 files.extend(["start_medium", "table"]);
                 glow = Glow::new(gpu, &scene.medium)?;
                 files.extend(glow.iter().map(Glow::emission));
-                table = Some(tables(&glowing.rows, n[0], |at| sum_of(&glowing.fields, at)));
+                table = Some(tables(&glowing.rows, n[0], |at| sum_of(&glowing.fields, &glowing.factors, at)));
+                constants.factors = glowing.factors;
+                colour = lit(glowing.factors);
                 branch = Some(("GREY", glowing.fields.len() == 1));
                 iterations = 64;
             }
@@ -155,6 +165,8 @@ impl Start {
                 maps = Some(Maps::new(gpu, std::iter::once(shower.map()))?);
                 constants.faces = single(*areas);
                 constants.distance = bounds.total() as f32;
+                constants.factors = shower.factors();
+                colour = lit(shower.factors());
                 (rows, columns, height) = (lines, width, lines);
                 iterations = 32 * 64;
             }
@@ -178,23 +190,22 @@ impl Start {
             files,
             branch,
             iterations,
-            power: emitter.power,
-            colour: emitter.colour,
-            scale: scale as f32,
+            powers: emitter.powers,
+            colour,
             tallies_unscattered: emitter.tallies_unscattered,
         })
     }
 
-    /// Sets out for a batch: `count` photons from number `first` on, each of `scale` times the mean photon's power.
-    pub fn begin(&self, gpu: &Gpu, first: u64, count: u64, scale: f32) {
+    /// Sets out for a batch: `count` photons from number `first` on, each of `scale` times the mean photon's power, by
+    /// channel.
+    pub fn begin(&self, gpu: &Gpu, first: u64, count: u64, scale: [f32; 3]) {
         // 2^64 / count, rounded down.
         let step = ((1u128 << 64) / u128::from(count)).min(u128::from(u64::MAX)) as u64;
         let constants = Constants {
             step: split(step),
             first: split(first),
             count: count as u32,
-            colour: self.colour.map(|c| c * scale),
-            scale: self.scale * scale,
+            colour: std::array::from_fn(|c| self.colour[c] * scale[c]),
             ..self.constants
         };
         gpu.write(&self.uniform, 0, &[constants]);

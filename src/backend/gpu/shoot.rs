@@ -12,7 +12,7 @@ use crate::backend::cpu::emit::Emitter;
 use crate::backend::cpu::flights::{Course, Scored};
 use crate::backend::cpu::shoot::{Energies, allot};
 use crate::backend::run::Shooter;
-use crate::backend::shot::bin_unit;
+use crate::backend::shot::bin_units;
 use crate::error::{Error, Result};
 use crate::physics::harmonics::count;
 use crate::plan::Plan;
@@ -47,8 +47,9 @@ pub const FINISHED: usize = 68;
 pub struct Job {
     pub slots: u32,
     pub rounds: u32,
-    pub unit: f32,
-    pub spare: u32,
+    pub spare: [u32; 2],
+    pub units: [f32; 3],
+    pub padding: u32,
 }
 
 /// Bytes of `Photon` of `shaders/photons.wgsl`, with all that it may hold.
@@ -147,7 +148,8 @@ impl<'a> Shooting<'a> {
                 return Ok(false);
             }
             let rounds = self.rounds.min(*limit);
-            let job = Job { slots, rounds, unit: bin_unit(self.plan) as f32, spare: 0 };
+            let units = bin_units(self.plan).map(|unit| unit as f32);
+            let job = Job { slots, rounds, spare: [0; 2], units, padding: 0 };
             self.gpu.write(&self.job, 0, &[job]);
             let began = Instant::now();
             self.gpu.run(kernel, &bindings, u64::from(slots))?;
@@ -168,15 +170,16 @@ impl<'a> Shooting<'a> {
     fn energies(&self) -> Result<Energies> {
         let counters: Vec<u32> = self.gpu.read(&self.counters, COPIES * WORDS)?;
         let wide = |copy: &[u32], at: usize| (u64::from(copy[at]) | u64::from(copy[at + 1]) << 32) as i64;
-        let mut shares = [[0i64; 3]; Share::COUNT];
-        let mut collisions = 0;
-        for copy in counters.chunks(WORDS) {
+        let of = |copy: &[u32]| {
+            let mut shares = [[0i64; 3]; Share::COUNT];
             for (at, share) in shares.as_flattened_mut().iter_mut().enumerate() {
-                *share += wide(copy, 2 * at);
+                *share = wide(copy, 2 * at);
             }
-            collisions += wide(copy, COLLISIONS) as u64;
-        }
-        Ok(Energies::from_units(shares, collisions))
+            Energies::from_units(shares, wide(copy, COLLISIONS) as u64)
+        };
+        let energies = counters.chunks(WORDS).map(of).fold(Energies::default(), Energies::merge);
+        // No batch adds as much as would lead a copy from here past the sign.
+        energies.checked()
     }
 
     /// Collisions, and the share of the energy that it ended in, of each watched photon.
@@ -191,17 +194,14 @@ impl Shooter for Shooting<'_> {
         self.tally.clear(self.gpu);
         #[cfg(test)]
         self.tally.fill(self.gpu, self.preset.unwrap_or(0));
-        let powers: Vec<f64> = self.emitters.iter().map(|e| e.0.power).collect();
-        let counts = allot(&powers, photons);
-        let reference = powers.iter().sum::<f64>() / photons as f64;
+        let powers: Vec<[f64; 3]> = self.emitters.iter().map(|e| e.0.powers).collect();
         let mut from = first;
-        for at in 0..self.emitters.len() {
-            let scale = (powers[at] / counts[at] as f64 / reference) as f32;
-            self.emitters[at].0.begin(self.gpu, from, counts[at], scale);
-            if !self.walk(at, counts[at], || control.stopped() || (urgent && control.late()))? {
+        for (at, (count, scale)) in allot(&powers, photons).into_iter().enumerate() {
+            self.emitters[at].0.begin(self.gpu, from, count, scale);
+            if !self.walk(at, count, || control.stopped() || (urgent && control.late()))? {
                 return Ok(None);
             }
-            from += counts[at];
+            from += count;
         }
         self.energies().map(Some)
     }

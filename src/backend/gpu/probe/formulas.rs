@@ -5,7 +5,8 @@ use crate::physics::flight::{ball_range, box_range, mean_transmittance};
 use crate::physics::frame::{orthonormal, rotate, sphere};
 use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
 use crate::physics::real::{Real, cell};
-use crate::physics::rng::{Draws, exponential, uniform, words};
+use crate::physics::rng::{Draws, exponential, rounding, uniform, words};
+use crate::tally::rounded;
 
 /// All of them.
 pub fn all() -> Vec<Twin<'static>> {
@@ -82,6 +83,8 @@ fn rng() -> Vec<Twin<'static>> {
         Twin::new("rng", "unit", "return vec4(unit(w.x));", given.clone())
             .single(1.0, |i| relative([uniform(i.w[0])]))
             .double(1.0, |i| relative([(f64::from(i.w[0]) + 0.5) / 4294967296.0])),
+        Twin::new("rng", "rounding", "return vec4(rounding(w.x));", given.clone())
+            .single(1.0, |i| relative([rounding(i.w[0])])),
         Twin::new(
             "rng",
             "exponential",
@@ -114,10 +117,10 @@ fn wide() -> Vec<Twin<'static>> {
             inputs.extend([[x, y, y, x], [x, y, x, y], [x, x, y, y]].map(|w| Inputs { w, ..Inputs::default() }));
         }
     }
-    let floats = |most: f32| {
-        let sizes = (-40..63).map(|b| 2f32.powi(b)).chain([0.3, 0.99999994, 255.5, 1e6, 4294967300.0, 1.7e10]);
-        sizes.filter(move |&x| x < most).flat_map(|x| [x, -x, 1.37 * x, -1.37 * x]).chain([0.0])
-    };
+    let sizes = (-60..62).map(|b| 2f32.powi(b)).chain([0.3, 0.99999994, 255.5, 1e6, 4294967300.0, 1.7e10]);
+    let floats = sizes.flat_map(|x| [x, -x, 1.37 * x, -1.37 * x]).chain([0.0]);
+    let chances = [2.3e-10, 1e-6, 0.3, 0.36999, 0.5, 0.9999999, 1.0];
+    let sums = floats.flat_map(|x| chances.map(|xi| Inputs { a: [x, xi, 0.0, 0.0], ..Inputs::default() })).collect();
     let mut fractions: Vec<Inputs> = inputs.iter().copied().filter(|i| low(i) < high(i)).collect();
     fractions.extend(
         inputs
@@ -141,11 +144,8 @@ fn wide() -> Vec<Twin<'static>> {
         }),
         of("negate64", "return vec4(negate64(w.xy), 0u, 0u);", |i| two(low(i).wrapping_neg())),
         of("shift64", "return vec4(shift64(w.xy, w.z % 64u), 0u, 0u);", |i| two(low(i) << (i.w[2] % 64))),
-        Twin::words("wide", "wide_floor", "return vec4(wide_floor(a.x), 0u, 0u);", numbers(floats(4e18)), |i| {
-            two(i.a[0].floor() as i64 as u64)
-        }),
-        Twin::words("wide", "wide_cut", "return vec4(wide_cut(a.x), 0u, 0u);", numbers(floats(2e9)), |i| {
-            two((f64::from(i.a[0]) * 4294967296.0) as i64 as u64)
+        Twin::words("wide", "wide_rounded", "return vec4(wide_rounded(a.x, a.y), 0u, 0u);", sums, |i| {
+            two(rounded(i.a[0], i.a[1]) as u64)
         }),
         Twin::new("wide", "float64", "return vec4(float64(w.xy));", inputs.clone())
             .double(2.0, |i| relative([low(i) as f64])),

@@ -132,9 +132,9 @@ fn fates_of_the_cpu(plan: &Plan, emitters: &[Emitter]) -> Vec<[u32; 2]> {
         let count = plan.settings.photons.expect("given");
         let new = |layer: &crate::plan::Layer| vec![Bins::new(VOXELS * plan.channels * plan.width_of(*layer), true)];
         let bins = plan.layers.iter().map(new).collect();
-        let walk = Walk { plan, emitters, bins, sets: 1, unit: 1.0 };
+        let walk = Walk { plan, emitters, bins, sets: 1, units: [1.0; 3] };
         let fate = |j: u64| {
-            let task = Task { emitter: &emitters[0], scale: 1.0, first: 0, count, range: j..j + 1 };
+            let task = Task { emitter: &emitters[0], scale: [1.0; 3], first: 0, count, range: j..j + 1 };
             let mut energies = Energies::default();
             engine.task(&walk, &task, &mut energies, &|| false);
             let met = |share: &Share| (0..3).any(|c| energies.get(*share, c) > 0.0);
