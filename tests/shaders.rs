@@ -124,7 +124,7 @@ fn layouts() -> Vec<Layout> {
     vec![
         layout!("tables", "Scene", Constants,
             n block h free_path inverse_h top_extinction extinction texel albedo constant ratio albedo_texel cells last eye
-            seed enough spare hg),
+            seed enough per_density hg),
         layout!("light", "Light", lights::Light, place is_point value rays first has_nodes check spare),
         layout!("start", "Emitter", emit::Constants,
             step first colour count place distance axis cap faces scale below_x below_y rows width height spare factors),
