@@ -119,7 +119,7 @@ pub fn rounded(value: f32, xi: f32) -> i64 {
     let whole = value as i64;
     let rest = value - whole as f32;
     let away = i64::from(xi < rest.abs());
-    whole + if rest < 0.0 { -away } else { away }
+    whole.saturating_add(if rest < 0.0 { -away } else { away })
 }
 
 /// A part of the bins whose batch is over.

@@ -49,6 +49,7 @@ def test_voxels_of_thick_media_absorb_what_the_balance_says(depth):
     assert abs(ratio - 1) < 0.002 + 3 * np.hypot(error, noise)
 
 
+@pytest.mark.cpu_only("found on the host whatever the backend")
 def test_voxels_of_a_thick_ramp_absorb_what_the_balance_says():
     ramp = np.broadcast_to(np.linspace(0, 1, 12)[:, None, None], (12, 12, 12))
     result = run(ramp, extinction=15, albedo=0.6, light=mcrt.PointLight((6, 5, 30), 100), seed=2)
@@ -56,6 +57,7 @@ def test_voxels_of_a_thick_ramp_absorb_what_the_balance_says():
     assert abs(ratio - 1) < 0.002 + 3 * error
 
 
+@pytest.mark.cpu_only("found on the host whatever the backend")
 def test_layers_of_a_slab_under_a_low_sun_follow_beer_lambert():
     # Light comes from larger x. Where x is small it has come in by the upper face.
     for mu0, layers, lit in ((0.3, 4, 40), (0.02, 1, 5)):
@@ -140,6 +142,7 @@ def test_a_change_of_one_voxel_by_little_changes_little(depth):
         assert np.abs(two - one).max() < 2e-5 * max(1, depth) * one.max()
 
 
+@pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize("extinction", [0.5, 5.0])
 def test_one_voxel_in_a_void_absorbs_what_the_balance_says(extinction):
     density = np.zeros((5, 5, 5))
@@ -162,6 +165,7 @@ PLACES = {
 }
 
 
+@pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize("how", ["absorbing", "single", "photon"])
 @pytest.mark.parametrize("hair", [0.0, 1e-9, -1e-9])
 @pytest.mark.parametrize("place", PLACES)
