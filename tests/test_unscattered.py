@@ -157,6 +157,7 @@ def test_one_voxel_in_a_void_absorbs_what_the_balance_says(extinction):
     assert balance == pytest.approx(true, rel=0.002)
 
 
+UNRESOLVED = pytest.mark.cpu_only("photons of a GPU start where single precision puts the light")
 PLACES = {
     "face": ((0.0, 1.3, 2.2), 1 / 2),
     "edge": ((0.0, 6.0, 2.2), 3 / 4),
@@ -165,9 +166,10 @@ PLACES = {
 }
 
 
-@pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize("how", ["absorbing", "single", "photon"])
-@pytest.mark.parametrize("hair", [0.0, 1e-9, -1e-9])
+@pytest.mark.parametrize(
+    "hair", [0.0, pytest.param(1e-9, marks=UNRESOLVED), pytest.param(-1e-9, marks=UNRESOLVED)]
+)
 @pytest.mark.parametrize("place", PLACES)
 def test_a_point_light_on_the_box_sends_its_share_past_it(place, hair, how):
     position, missed = PLACES[place]
