@@ -77,7 +77,7 @@ pub fn uniform64(word: u32) -> f64 {
     (f64::from(word) + 0.5) * (1.0 / 4_294_967_296.0)
 }
 
-/// What rounds a number by chance ([`crate::tally::rounded`]), uniform within (0, 1]. Its bits are mixed, for what else
+/// What rounds a number by chance (the tally's `rounded`), uniform within (0, 1]. Its bits are mixed, for what else
 /// reads the word reads its upper bits first.
 #[inline(always)]
 pub fn rounding(word: u32) -> f32 {

@@ -232,7 +232,7 @@ mod tests {
                 let (rms, mean) = error(linear, &light);
                 // What the plan allows of the light grid's interpolation is .5 %. At the faces of constant voxels the column
                 // has kinks, which no second difference sees.
-                let most = if linear { (5e-3, 1e-3) } else { (1e-2, 2e-3) };
+                let most = if linear { (5e-3, 1e-3) } else { (1e-2, 3e-3) };
                 assert!(rms < most.0 && mean.abs() < most.1, "{light:?}, linear {linear}: {rms}, mean {mean}");
             }
         }
