@@ -115,7 +115,7 @@ def test_voxels_are_their_quadrature(kind, depth, interpolation):
 def test_error_bars_of_unscattered_light_are_calibrated():
     options = {"extinction": 30, "albedo": 0.6, "interpolation": "nearest"}
     light = mcrt.DirectionalLight((-0.4, 0.1, -1))
-    runs = [run(mottled(), light=light, seed=seed, **options) for seed in range(6)]
+    runs = [run(mottled(), light=light, seed=seed, **options) for seed in range(20)]
     values = np.array([r.fluence for r in runs], float)
     errors = np.array([r.fluence_error for r in runs], float)
     lit = values.mean(0) > 1e-3 * values.max()

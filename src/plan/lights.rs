@@ -63,7 +63,7 @@ impl LightPlan {
 /// Lattices of random shift that light rays are dealt out in; the scatter among these is the standard error of what they find.
 pub const REPLICATES: u64 = 8;
 /// Voxels that the light rays of small volumes cross, all together.
-const CROSSED: f64 = 1e6;
+const CROSSED: f64 = 5e5;
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
 const INTERPOLATION_ERROR: f64 = 0.005;
 /// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has

@@ -28,7 +28,7 @@ pub use walk::{Fate, Matter, Stay, Way};
 const SHIFT: u32 = 10;
 /// Voxels that the rays of an energy balance may cross, all together: where photons sample all but what passes unscattered,
 /// and where nothing else says what collides.
-const CROSSED: [f64; 2] = [1e5, 5e5];
+const CROSSED: [f64; 2] = [3e4, 2e5];
 
 /// What of a light's means over voxels is wanted.
 #[derive(Clone, Copy, Default)]
