@@ -54,7 +54,7 @@ bench: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/python tests/bench/bench.py $(BENCH)
 
 validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
-	$(BIN)/python -m pytest -v $(TRUTHS)
+	MCRT_ALL_ON_GPU=1 $(BIN)/python -m pytest -v $(TRUTHS)
 	$(BIN)/python tests/validate.py
 	$(BIN)/python tests/random_scenes.py 1000
 

@@ -1,7 +1,8 @@
 """Shared set-up: the backends, libraries that need an environment, small runs that many tests read.
 
 Every test runs on the CPU and on the GPU, which any adapter will do for, also one that a processor
-plays. The mark `cpu_only` says why one does not.
+plays. The mark `cpu_only` says why one does not. Of the cases of one test the GPU runs every
+fourth, or all if MCRT_ALL_ON_GPU is set, as `make validate` does.
 """
 
 import functools
@@ -83,6 +84,7 @@ def interrupted(start, after):
 
 # ---------------------------------------------------------------------------------------- backends
 
+EVERY = 4  # of the cases of a test one so many runs on the GPU
 NO_ADAPTER = "no GPU adapter was found; mesa-vulkan-drivers holds one that any processor plays"
 
 
@@ -116,10 +118,17 @@ def is_gpu(item):
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """The GPU's tests last, without those of the CPU alone."""
-    cpu_only = [item for item in items if is_gpu(item) and item.get_closest_marker("cpu_only")]
-    config.hook.pytest_deselected(items=cpu_only)
-    items[:] = sorted((item for item in items if item not in set(cpu_only)), key=is_gpu)
+    """The GPU's tests last, without those of the CPU alone; of a test's cases every fourth."""
+    on_gpu = [item for item in items if is_gpu(item)]
+    left_out = {item for item in on_gpu if item.get_closest_marker("cpu_only")}
+    if not os.environ.get("MCRT_ALL_ON_GPU"):
+        cases = {}
+        for item in on_gpu:
+            if item not in left_out:
+                cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+        left_out |= {item for of in cases.values() for i, item in enumerate(of) if i % EVERY}
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = sorted((item for item in items if item not in left_out), key=is_gpu)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -13,6 +13,8 @@ import truth
 from conftest import cached
 from scipy import stats
 
+pytestmark = pytest.mark.cpu_only("test_gpu.py holds the GPU's voxels and pixels against the CPU's")
+
 SHAPE, SPACING = (3, 4, 5), (1.0, 0.8, 0.6)
 VIEW = truth.View((9, -6, 3), (1.5, 1.6, 1.5), (4, 3), fov=18)
 SEEDS = 200

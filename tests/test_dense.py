@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 import truth
 
+pytestmark = pytest.mark.cpu_only("the bias is told by paths on the host")
+
 FACTOR, VISIBLE = 1.5, 0.02
 
 

@@ -9,6 +9,8 @@ import pytest
 from comparing import relative_rms
 from conftest import camera, interrupted, run
 
+pytestmark = pytest.mark.cpu_only("what is found when, and kept, is the host's to say")
+
 OTHER = camera((0.0, -30.0, 60.0), (9, 8))
 SUN = mcrt.DirectionalLight((-0.4, 0.1, -1.0), 2.0)
 

@@ -11,6 +11,8 @@ import pytest
 from conftest import cached, run
 from scipy import stats
 
+pytestmark = pytest.mark.cpu_only("adds arrays, whoever made them")
+
 ARRAYS = ("fluence", "fluence_error", "radiance", "radiance_error", "absorbed", "absorbed_error")
 DRAWS = (20, 1000)  # "voxels", each an independent estimate of 0
 

@@ -11,6 +11,8 @@ import pytest
 from conftest import CENTRE, ORIGIN, SHAPE, SPACING, camera, run
 from mcrt import display
 
+pytestmark = pytest.mark.cpu_only("writes arrays, whoever made them")
+
 OTHER = camera((0.0, -30.0, 60.0), (9, 8))
 
 
