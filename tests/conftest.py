@@ -2,7 +2,7 @@
 
 Every test runs on the CPU and on the GPU, which any adapter will do for, also one that a processor
 plays. The mark `cpu_only` says why one does not. Of the cases of one test the GPU runs every
-fourth, or all if MCRT_ALL_ON_GPU is set, as `make validate` does.
+sixth, or all if MCRT_ALL_ON_GPU is set, as `make validate` does.
 """
 
 import functools
@@ -84,7 +84,7 @@ def interrupted(start, after):
 
 # ---------------------------------------------------------------------------------------- backends
 
-EVERY = 4  # of the cases of a test one so many runs on the GPU
+EVERY = 6  # of the cases of a test one so many runs on the GPU
 NO_ADAPTER = "no GPU adapter was found; mesa-vulkan-drivers holds one that any processor plays"
 
 
@@ -118,7 +118,7 @@ def is_gpu(item):
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """The GPU's tests last, without those of the CPU alone; of a test's cases every fourth."""
+    """The GPU's tests last, without those of the CPU alone; of a test's cases some."""
     on_gpu = [item for item in items if is_gpu(item)]
     left_out = {item for item in on_gpu if item.get_closest_marker("cpu_only")}
     if not os.environ.get("MCRT_ALL_ON_GPU"):

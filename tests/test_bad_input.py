@@ -385,7 +385,7 @@ def assert_finite(result, arguments):
 
 @pytest.mark.cpu_only("random scenes run on both backends in test_gpu.py")
 def test_any_call_gives_a_finite_result_or_an_mcrt_error():
-    seen, count = Counter(), 2500
+    seen, count = Counter(), 900
 
     @settings(
         max_examples=count,
