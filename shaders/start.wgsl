@@ -7,7 +7,8 @@ struct Emitter {
     // The weight of a photon by channel (of what is drawn by all channels, over its part of them), and photons of the batch.
     colour: vec3<f32>,
     count: u32,
-    // Where a lamp stands, in lengths from the box's corner: the box's centre, if it is at `distance` from there.
+    // Where a lamp stands, in voxels; if it is far away, at `distance` from the box's centre, that, in lengths from the box's
+    // corner.
     place: vec3<f32>,
     distance: f32,
     // The axis of the cone of its light, or the direction of parallel light; 1 - cosine of the half angle.

@@ -18,8 +18,8 @@ fn start(j: u32, f: ptr<function, Flight>) -> Start {
         let turn = sin_cos_turn(a);
         let across = turn.y * pair.u + turn.x * pair.v;
         p += emitter.distance * sin_theta * (cos_theta * across - sin_theta * emitter.axis);
+        p *= scene.inverse_h;
     }
-    p *= scene.inverse_h;
     let way = d * scene.inverse_h;
     let range = box_range(p, way, vec3<f32>(scene.n));
     let enter = select(max(range.x, 0.0), range.x, OUTSIDE);

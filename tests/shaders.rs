@@ -5,7 +5,7 @@ use mcrt::backend::gpu::kernel::parse;
 use mcrt::backend::gpu::probe::Inputs;
 use mcrt::backend::gpu::scene::Constants;
 use mcrt::backend::gpu::sources::{ALL, KERNELS, read};
-use mcrt::backend::gpu::{angular, emit, gather, kernels, lights, map, path, shoot};
+use mcrt::backend::gpu::{angular, camera, emit, gather, kernels, lights, map, path, shoot};
 use mcrt::result::{EXIT_FACES, Share};
 use std::collections::HashSet;
 use std::fs;
@@ -134,7 +134,7 @@ fn layouts() -> Vec<Layout> {
         layout!("paths", "Image", path::Image, pixel place),
         layout!("map", "Map", map::Entry, width height channels values sums spare),
         layout!("angular", "Job", angular::Job, n order h first eye inner count spare),
-        layout!("camera", "View", gather::View,
+        layout!("camera", "View", camera::View,
             passing depth passing_x pixel passing_y width ahead column ahead_x row ahead_y spare),
         layout!("gather_ray", "Job", gather::Job,
             rays samples steps begin lights pixels maps finer channels sky stride),

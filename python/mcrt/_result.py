@@ -25,7 +25,7 @@ class Result:
 
     Voxel arrays have the shape (nz, ny, nx), or (nz, ny, nx, 3) where the scene is RGB, dtype
     float32, and are read-only views: copy one to change it. Their unscattered light is found when
-    one of them (or `energy`, if a light shoots no photons) is first read, unless the run needed it;
+    one of them is first read, unless the run needed it;
     `stats.seconds` does not count that. Images have the shape (height, width)
     or (height, width, 3), dtype float32; each call returns a new array that is the caller's. Those
     of the last 16 cameras are kept.
@@ -222,7 +222,7 @@ class Result:
         """
         if not isinstance(other, Result):
             return NotImplemented
-        return Result(*merge(self, other))
+        return Result(*merge(self, other), core=self.__dict__.get("_core"))
 
     def __radd__(self, other: object) -> "Result":
         """`sum(results)` merges them: it starts at 0."""
@@ -357,7 +357,8 @@ class Result:
         """Absorption coefficient of each voxel [1/length], float32, with a channel axis if RGB."""
         albedo = self._scene["albedo"]
         per_voxel = isinstance(albedo, np.ndarray)
-        coalbedo = 1.0 - (albedo[..., np.newaxis] if per_voxel else np.array(albedo, np.float32))
+        given = albedo[..., np.newaxis] if per_voxel else albedo
+        coalbedo = (1.0 - np.asarray(given, np.float64)).astype(np.float32)
         extinction = np.array(self._scene["extinction"], np.float32)
         sigma_a = coalbedo * extinction * self._scene["density"][..., np.newaxis]
         return sigma_a if self.plan.channels == 3 else sigma_a[..., 0]
@@ -405,7 +406,7 @@ class Result:
             layers["error"] = np.full(shape, unknown, np.float32)
         self._layers[spec] = layers
         if len(self._layers) > CACHED_CAMERAS:
-            del self._layers[next(iter(self._layers))]
+            self._layers.pop(next(iter(self._layers)), None)  # another thread may have
         return layers
 
     def _allow_for_one_photon(self, layers: dict[str, np.ndarray], spec: tuple[Any, ...]) -> None:

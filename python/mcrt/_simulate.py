@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence, Set
+from contextlib import suppress
 from typing import Any, cast
 
 import numpy as np
@@ -169,7 +170,8 @@ def _run(
         cut_short.partial, cut_short._run = result, resume
         raise cut_short
     if data["stats"]["stopped_by"] == "target_error":
-        result._keep_judged()
+        with suppress(McrtError):  # the run is done; `image` meets the error where it is asked for
+            result._keep_judged()
     return result
 
 

@@ -15,6 +15,8 @@ use crate::scene::{Camera, Scene};
 /// Pixels of the coarse copy, and paths on each.
 const PIXELS: usize = 64;
 const PATHS: u64 = 512;
+/// The part of a run's time that they may take.
+const SHARE: f64 = 0.25;
 /// A bias from which on the user is told.
 const VISIBLE: f64 = 0.02;
 
@@ -36,7 +38,7 @@ pub struct Bias {
 
 impl Truth {
     /// What paths see, if the plan asks for it.
-    pub fn trace(plan: &Plan) -> Result<Option<Self>> {
+    pub fn trace(plan: &Plan, control: &Control) -> Result<Option<Self>> {
         if plan.dense.is_none() {
             return Ok(None);
         }
@@ -56,28 +58,29 @@ impl Truth {
             ..plan.settings.clone()
         };
         let paths = Plan::new(&scene, &settings)?;
-        let (outcome, _) = path::run(&paths, &Device::Cpu, &Control::new(None), None)?;
+        let (outcome, _) = path::run(&paths, &Device::Cpu, &control.part(SHARE), None)?;
         Ok(outcome.pixels.map(|seen| {
             let values = seen.order1.iter().zip(&seen.order2).map(|(one, more)| one + more).collect();
             Truth { camera, values, errors: seen.error }
         }))
     }
 
-    /// How far the picture of what was shot is from it.
+    /// How far the picture of what was shot is from it; found on the CPU, where no device can fail that has done its work.
     pub fn bias(
         &self,
         plan: &Plan,
-        device: &Device,
         views: &[Option<Illumination>],
         shot: &Shot,
         occupancy: Option<&Occupancy>,
         control: &Control,
     ) -> Result<Bias> {
-        let Some((source, k)) = settle::replicates_seen(plan, device, shot)? else { return Ok(Bias::default()) };
+        let seen = settle::replicates_seen(plan, &Device::Cpu, shot)?;
+        // The noise of a single replicate is not known.
+        let Some((source, k)) = seen.filter(|seen| seen.1 > 1) else { return Ok(Bias::default()) };
         let (channels, lights) = (plan.channels, views.iter().flatten().cloned().collect());
         let source = Some(source.as_slice());
         let volumes = Volumes { scene: plan.scene, occupancy, lights, source, source0: None, channels };
-        let picture = device.image(&volumes, &self.camera, None, channels * k, false, &|| control.stopped())?;
+        let picture = Device::Cpu.image(&volumes, &self.camera, None, channels * k, false, &|| control.stopped())?;
         let (more, errors) = pixel_error::spread(&picture.order2, k);
         let values: Vec<f32> = more.iter().zip(&picture.order1).map(|(more, one)| more + one).collect();
         let mut worst = Bias::default();
@@ -95,17 +98,17 @@ impl Truth {
         let pick = |list: &[f32], at: usize| f64::from(list[at * channels + c]);
         let places = || 0..self.values.len() / channels;
         let top = places().map(|at| pick(&self.values, at)).fold(0.0, f64::max);
-        let (mut truth, mut mean, mut square, mut noise, mut shared, mut count) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut truth, mut mean, mut square, mut count) = (0.0, 0.0, 0.0, 0.0);
+        let (mut noise, mut own2, mut shared) = (0.0, 0.0, 0.0);
         for at in places().filter(|&at| pick(&self.values, at) > 0.05 * top) {
             let (own, other) = (pick(&self.errors, at), pick(errors, at));
-            // A single replicate has no spread.
-            let other = if other.is_finite() { other } else { 0.0 };
             let difference = pick(values, at) - pick(&self.values, at);
             count += 1.0;
             truth += pick(&self.values, at);
             mean += difference;
             square += difference * difference;
             noise += own * own + other * other;
+            own2 += own * own;
             // Pixels of photons share them.
             shared += other;
         }
@@ -113,8 +116,7 @@ impl Truth {
             return Bias::default();
         }
         let (square, mean) = ((square - noise) / count, mean / count);
-        let own = places().map(|at| pick(&self.errors, at).powi(2)).sum::<f64>().sqrt() / count;
-        let of_mean = own.hypot(shared / count);
+        let of_mean = (own2.sqrt() / count).hypot(shared / count);
         let size = square.max(mean * mean - of_mean * of_mean).max(0.0).sqrt();
         Bias { size: size * count / truth, mean: mean * count / truth }
     }

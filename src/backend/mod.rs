@@ -7,12 +7,14 @@ pub mod gpu;
 pub mod run;
 pub mod shot;
 pub mod single;
+pub mod views;
 
 use crate::error::{Result, scene_error};
 use crate::plan::{Adapter, Settings};
 use crate::scene::Camera;
 use cpu::angular::Towards;
 use cpu::gather::{Image, Volumes};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -24,7 +26,7 @@ pub enum Device {
     Cpu,
     /// On an adapter.
     #[cfg(feature = "gpu")]
-    Gpu(std::sync::Arc<gpu::Gpu>),
+    Gpu(Arc<gpu::Gpu>),
 }
 
 impl Device {
@@ -135,8 +137,8 @@ impl Settings {
 /// How a run is watched and stopped from outside while it works.
 #[derive(Debug)]
 pub struct Control {
-    stop: AtomicBool,
-    finish: AtomicBool,
+    stop: Arc<AtomicBool>,
+    finish: Arc<AtomicBool>,
     fraction: AtomicU64,
     photons: AtomicU64,
     started: Instant,
@@ -147,13 +149,20 @@ impl Control {
     /// A run that starts now and stops at the latest after `limit` seconds.
     pub fn new(limit: Option<f64>) -> Self {
         Control {
-            stop: AtomicBool::new(false),
-            finish: AtomicBool::new(false),
+            stop: Arc::default(),
+            finish: Arc::default(),
             fraction: AtomicU64::new(0),
             photons: AtomicU64::new(0),
             started: Instant::now(),
             deadline: limit.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
         }
+    }
+
+    /// A part of this run that reports to nobody: it stops and ends with the run, and takes at most this share of the time
+    /// that is left.
+    pub fn part(&self, share: f64) -> Self {
+        let left = self.deadline.map(|limit| limit.saturating_sub(self.started.elapsed()).mul_f64(share).as_secs_f64());
+        Control { stop: self.stop.clone(), finish: self.finish.clone(), ..Control::new(left) }
     }
 
     /// Asks the run to end with what it has, as its time limit does.

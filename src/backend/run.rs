@@ -2,30 +2,18 @@
 
 use super::bias::Truth;
 use super::cpu::emit::Emitter;
-use super::cpu::light::Illumination;
-use super::cpu::shoot::{Energies, total};
+use super::cpu::shoot::total;
 use super::cpu::{self, path, settle};
 #[cfg(feature = "gpu")]
 use super::gpu;
-use super::shot::{Shot, fold};
+use super::shot::{Shooter, Shot, fold, stopped_by};
 use super::single::single;
+use super::views::{illuminations, light_grids};
 use super::{Control, Device};
 use crate::error::{Error, Result};
-use crate::plan::{Column, LightPlan, Plan, cost};
+use crate::plan::{Column, Plan};
 use crate::result::{Order0, Outcome, Stopped};
 use crate::scene::field::Occupancy;
-use crate::scene::{Light, Scene};
-use crate::tally::Bins;
-
-/// Shoots the photons of a plan, batch by batch.
-pub trait Shooter {
-    /// Walks the photons of one batch, `first` being the number of its first; `None` if it was stopped, by the clock too if
-    /// it is `urgent`.
-    fn batch(&mut self, first: u64, photons: u64, control: &Control, urgent: bool) -> Result<Option<Energies>>;
-
-    /// What they left in the bins of each tally layer, to be emptied.
-    fn bins(&mut self) -> Result<&mut [Vec<Bins>]>;
-}
 
 /// A run that an error cut short: what it had finished, from which it goes on to the same bits.
 #[derive(Debug, Clone)]
@@ -33,14 +21,6 @@ pub struct Unfinished {
     /// What happened.
     pub why: Error,
     rest: Rest,
-}
-
-/// How a run ends that an error cuts short.
-pub fn stopped_by(why: &Error) -> Stopped {
-    match why {
-        Error::DeviceLost(_) => Stopped::DeviceLost,
-        _ => Stopped::Error,
-    }
 }
 
 /// What a run left.
@@ -100,9 +80,9 @@ fn run_here(
         _ => Shot::new(plan, total(&emitters.iter().map(|e| e.powers).collect::<Vec<_>>())),
     };
     let mut unfinished = None;
-    let truth = Truth::trace(plan)?;
-    let mut order0 = None;
+    let (mut truth, mut order0) = (None, None);
     if plan.shoots() && !emitters.is_empty() {
+        truth = Truth::trace(plan, control)?;
         let shooting = || -> Result<Box<dyn Shooter + '_>> {
             Ok(match device {
                 Device::Cpu => cpu::shooter(plan, &emitters),
@@ -113,7 +93,7 @@ fn run_here(
         let error = |shot: &mut Shot| {
             let (noise, bias) = settle::relative_error(plan, device, &views, shot, &mut order0, occupancy, control)?;
             match truth.as_ref().filter(|_| plan.over_pixels()) {
-                Some(truth) => Ok((noise, truth.bias(plan, device, &views, shot, occupancy, control)?.size)),
+                Some(truth) => Ok((noise, truth.bias(plan, &views, shot, occupancy, control)?.size)),
                 None => Ok((noise, bias)),
             }
         };
@@ -129,7 +109,7 @@ fn run_here(
     drop(emitters);
     let photon_seconds = control.seconds() - light_seconds;
     let bias = match truth.filter(|_| unfinished.is_none()) {
-        Some(truth) => Some(truth.bias(plan, device, &views, &shot, occupancy, control)?),
+        Some(truth) => Some(truth.bias(plan, &views, &shot, occupancy, control)?),
         None => None,
     };
     let mut outcome = settle::settle(plan, shot, order0);
@@ -151,35 +131,6 @@ fn run_here(
 /// What unscattered light adds to the voxels of a run of the plan.
 pub fn order0(plan: &Plan, control: &Control) -> Result<Order0> {
     Ok(settle::order0(plan, single(plan, control)?))
-}
-
-/// The light grids of the lights that need them; the sweep that finds them is linear in the voxels, and the same for all
-/// devices.
-pub fn light_grids(plan: &Plan, occupancy: Option<&Occupancy>, control: &Control) -> Vec<Option<Vec<f32>>> {
-    let scene = plan.scene;
-    let grid = |(light, how): (&Light, &LightPlan)| {
-        if !cost::uses_grid(how, light, scene.medium.volume.is_constant()) {
-            return None;
-        }
-        Illumination::new(scene, occupancy, light, how.column, None).map(|view| view.columns(control))
-    };
-    scene.lights.iter().zip(&plan.lights).map(grid).collect()
-}
-
-/// The views of all lights, `None` for those without a direction.
-pub fn illuminations<'a>(
-    scene: &'a Scene<'a>,
-    occupancy: Option<&'a Occupancy>,
-    how: impl Iterator<Item = Column>,
-    columns: &'a [Option<Vec<f32>>],
-) -> Vec<Option<Illumination<'a>>> {
-    scene
-        .lights
-        .iter()
-        .zip(how)
-        .zip(columns)
-        .map(|((light, column), nodes)| Illumination::new(scene, occupancy, light, column, nodes.as_deref()))
-        .collect()
 }
 
 /// Walks batch after batch until the plan, the target, the clock or the user says stop; `error` estimates the relative
@@ -218,6 +169,10 @@ fn batches(
             }
         }
         let Some(target) = plan.target_error.filter(|_| plan.batches.is_none()) else { return Ok(()) };
+        if control.late() {
+            shot.stopped = if control.finishing() { Stopped::Progress } else { Stopped::TimeLimit };
+            return Ok(());
+        }
         let (noise, bias) = error(shot)?;
         if noise.hypot(bias) <= target {
             shot.stopped = Stopped::TargetError;

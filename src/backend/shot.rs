@@ -1,12 +1,24 @@
-//! What the photons of a run leave: moments of voxels, replicates, energies; and how a batch is folded into them.
+//! What the photons of a run leave: moments of voxels, replicates, energies; who shoots them, and how a batch is folded in.
 
+use super::Control;
 use super::cpu::angular::Towards;
-use super::cpu::shoot::Energies;
+use super::cpu::energies::Energies;
+use crate::error::{Error, Result};
 use crate::plan::{Layer, Plan};
 use crate::result::Stopped;
 use crate::scene::Albedo;
 use crate::tally::{Bins, Block, Moments, REFERENCE_UNITS};
 use rayon::prelude::*;
+
+/// Shoots the photons of a plan, batch by batch.
+pub trait Shooter {
+    /// Walks the photons of one batch, `first` being the number of its first; `None` if it was stopped, by the clock too if
+    /// it is `urgent`.
+    fn batch(&mut self, first: u64, photons: u64, control: &Control, urgent: bool) -> Result<Option<Energies>>;
+
+    /// What they left in the bins of each tally layer, to be emptied.
+    fn bins(&mut self) -> Result<&mut [Vec<Bins>]>;
+}
 
 /// What the photons left.
 #[derive(Debug, Clone)]
@@ -65,6 +77,14 @@ impl Shot {
             stopped: Stopped::Photons,
             warning: None,
         }
+    }
+}
+
+/// How a run ends that an error cuts short.
+pub fn stopped_by(why: &Error) -> Stopped {
+    match why {
+        Error::DeviceLost(_) => Stopped::DeviceLost,
+        _ => Stopped::Error,
     }
 }
 

@@ -1,12 +1,12 @@
 //! Unscattered light in the voxels, whatever on: what all lights whose order 0 no photons find leave there.
 
 use super::Control;
-use super::cpu::shoot::LocalEye;
 use super::cpu::unscattered::{Aim, Means, Wanted, coalbedo, cosine, means, over_beam};
 use crate::error::{Error, Result};
 use crate::physics::lattice::Lattice;
 use crate::plan::{Direct, Plan, REPLICATES};
 use crate::scene::Light;
+use crate::scene::eye::LocalEye;
 use crate::tally::Moments;
 use rayon::prelude::*;
 

@@ -39,6 +39,8 @@ pub fn memory(plan: &Plan) -> Memory {
     } else {
         wants_fluence + wants_source
     } + u64::from(plan.absorbed.is_some());
+    // Values and errors that a run keeps which looks at them.
+    let judged = if plan.judges_fluence() { values * 8 * (found + u64::from(plan.settings.radiance)) } else { 0 };
     let mut parts = vec![
         ("density (input)", voxels * 4),
         ("emission (input)", voxels * 4 * plan.scene.medium.emission.as_ref().map_or(0, |e| e.channels() as u64)),
@@ -49,17 +51,9 @@ pub fn memory(plan: &Plan) -> Memory {
         ("light grids", nodes * 4 * grids),
         ("first collisions", voxels * 4 * first),
         ("image sums", sums),
-        (
-            "unscattered light",
-            if plan.judges_fluence() {
-                values * 4 * (1 + u64::from(plan.settings.radiance) + u64::from(plan.finds_absorbed()))
-            } else {
-                0
-            },
-        ),
+        ("unscattered light", order0_bytes(plan) + judged),
         ("results", values * 4 * (found * 2 + wants_source * (2 + plan.width() as u64))),
     ];
-    parts.push(("unscattered light", order0_bytes(plan)));
     if plan.settings.adapter.is_some() {
         parts.push(("tally bins (GPU)", values * 8 * words(plan) as u64));
         parts.push(("density (GPU)", if volume.is_constant() { 0 } else { voxels * 4 }));

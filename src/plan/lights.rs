@@ -63,7 +63,7 @@ impl LightPlan {
 /// Lattices of random shift that light rays are dealt out in; the scatter among these is the standard error of what they find.
 pub const REPLICATES: u64 = 8;
 /// Voxels that the light rays of small volumes cross, all together.
-const CROSSED: f64 = 5e5;
+const CROSSED: f64 = 2e6;
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
 const INTERPOLATION_ERROR: f64 = 0.005;
 /// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has
@@ -72,8 +72,9 @@ const START_ERROR: f64 = 0.01;
 /// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
 const FIRST_COLLISION_DEPTH: f64 = 1.0;
 
-/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked.
-pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool) -> LightPlan {
+/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked,
+/// `sees` whether there are pictures.
+pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, (shoots, sees): (bool, bool)) -> LightPlan {
     let volume = &scene.medium.volume;
     let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
     match light {
@@ -105,9 +106,10 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, shoots: bool)
             let emission = if first { Emission::FirstCollision } else { at_light };
             // Rays through constant density have a closed form: no grid is as cheap.
             let constant = volume.is_constant();
-            let interpolation_error = if constant { 0.0 } else { interpolation_error(scene, light) };
-            let rays = constant || interpolation_error > INTERPOLATION_ERROR;
-            let fine_error = if rays && !constant { fine_error(scene, light) } else { 0.0 };
+            let interpolates = !constant && (sees || first);
+            let interpolation_error = if interpolates { interpolation_error(scene, light) } else { 0.0 };
+            let rays = constant || !sees || interpolation_error > INTERPOLATION_ERROR;
+            let fine_error = if rays && interpolates && sees { fine_error(scene, light) } else { 0.0 };
             let column = if rays { Column::Rays } else { Column::Grid };
             let direct = Direct::Rays(Lattice::up_to(CROSSED / (REPLICATES as f64 * crossed(volume, light))));
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;

@@ -2,6 +2,10 @@
 
 use crate::scene::{Volume, block_maxima};
 
+/// Voxels' scores at tentative collisions need a majorant of this optical depth per voxel: with rarer ones their spread
+/// is so skew that a standard error does not describe it.
+pub const LEAST_SCORED_DEPTH: f64 = 0.3;
+
 /// Cubes of `block`^3 voxels, each with the largest density that a lookup within it can return. With interpolation that
 /// includes the neighbouring voxels, whose values reach half a voxel into the block.
 #[derive(Debug, Clone)]

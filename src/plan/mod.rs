@@ -2,19 +2,24 @@
 //! decided here, once; the backends only follow.
 
 mod angular;
+mod batches;
 pub mod cost;
 mod dense;
 mod explain;
+mod layers;
 mod lights;
 pub mod majorant;
+mod methods;
 pub mod path;
 mod probe;
 pub mod settings;
 mod tracker;
 
+pub use batches::LARGEST_BATCH;
 pub use explain::Decision;
+pub use layers::{Layer, Route};
 pub use lights::{Column, Direct, Emission, LightPlan, REPLICATES};
-pub use majorant::{MajorantGrid, StepCosts};
+pub use majorant::{LEAST_SCORED_DEPTH, MajorantGrid, StepCosts};
 pub use path::{Connection, PathPlan};
 pub use settings::{Adapter, Angular, Method, Settings, Simd, Tracker};
 
@@ -32,30 +37,6 @@ pub enum Score {
     /// weight * length in every voxel.
     Track,
 }
-
-/// A tally layer of the photon walk.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layer {
-    /// Fluence of incident order 0.
-    Unscattered,
-    /// Fluence of incident orders that images see (1 to n - 1).
-    Inner,
-    /// Fluence of the last order n, which no image sees.
-    Last,
-    /// P-weighted towards the eye, incident order 0.
-    EyeUnscattered,
-    /// P-weighted towards the eye, incident orders 1 to n - 1.
-    Eye,
-    /// Spherical harmonics of incident order 0.
-    HarmonicsUnscattered,
-    /// Spherical harmonics of incident orders 1 to n - 1.
-    Harmonics,
-    /// Fluence of all incident orders times absorption, relative to that of the densest voxel.
-    Absorbed,
-}
-
-/// The layers that an incident order is scored in: (plain, by direction), as indices into [`Plan::layers`].
-pub type Route = (Option<usize>, Option<usize>);
 
 /// What runs.
 #[derive(Debug, Clone)]
@@ -125,7 +106,7 @@ impl<'a> Plan<'a> {
         let depth = voxel_depth(scene);
         let scatters = medium.max_albedo() > 0.0 && medium.max_sigma_t() > 0.0;
         let target_error = match (settings.target_error, settings.photons.or(settings.spp), settings.time_limit) {
-            (None, None, None) => Some(TARGET),
+            (None, None, None) => Some(methods::TARGET),
             (target, ..) => target,
         };
 
@@ -134,7 +115,7 @@ impl<'a> Plan<'a> {
             why.camera(&scene.camera);
         }
         let dense = dense::depth(scene, settings, scatters);
-        let method = choose_method(scene, settings, target_error, (scatters, dense), &mut why)?;
+        let method = methods::choose(scene, settings, target_error, (scatters, dense), &mut why)?;
         let dense = dense.filter(|_| method == Method::Photon);
         if let Some(depth) = dense {
             why.push(
@@ -185,7 +166,7 @@ impl<'a> Plan<'a> {
             paths = Some(path::plan(scene, settings, connections, &mut why));
             lights
         } else {
-            let plan = |light| lights::plan_light(scene, light, depth, shoots_scattered);
+            let plan = |light| lights::plan_light(scene, light, depth, (shoots_scattered, settings.image));
             let lights: Vec<_> = scene.lights.iter().map(plan).collect();
             for (light, plan) in scene.lights.iter().zip(&lights) {
                 why.light(light, plan, depth);
@@ -223,7 +204,7 @@ impl<'a> Plan<'a> {
         };
         let (mut layers, routes) = match method {
             Method::Path => (Vec::new(), [(None, None); 3]),
-            _ => choose_layers(scene, settings, (&lights, emits), shoots_scattered, orders, harmonics.is_some()),
+            _ => layers::choose(scene, settings, (&lights, emits), shoots_scattered, orders, harmonics.is_some()),
         };
         let uneven = settings.fluence && medium.absorbs_unevenly();
         let absorbed = (uneven && routes.iter().any(|route| route.0.is_some())).then_some(layers.len());
@@ -247,7 +228,7 @@ impl<'a> Plan<'a> {
             (true, _) => 8,
         };
         let (batch_photons, batches) = if shoots {
-            choose_batches(settings, shooting as u64, volume.voxels(), subvolumes, photons_per_second)?
+            batches::choose(settings, shooting as u64, volume.voxels(), subvolumes, photons_per_second)?
         } else {
             (0, Some(0))
         };
@@ -322,6 +303,12 @@ impl<'a> Plan<'a> {
             plan.warnings.push(format!(
                 "a voxel's optical depth reaches {depth:.1e}: beyond 1e5 positions in single precision no longer resolve \
                  the free path, and the light that such voxels reflect is uncertain"
+            ));
+        }
+        if let Some(depth) = plan.dense.filter(|_| !settings.errors) {
+            plan.warnings.push(format!(
+                "the voxels that are seen are {depth:.1} mean free paths thick, which biases the picture; with \
+                 errors=False nothing tells by how much. method = \"path\", outputs = (\"image\",) has no such bias"
             ));
         }
         plan.warnings.extend(truncation.filter(|_| plan.width() > 1));
@@ -420,154 +407,4 @@ fn voxel_depth(scene: &Scene) -> f64 {
     let volume = &scene.medium.volume;
     let h = volume.spacing().into_iter().fold(0.0, f64::max);
     scene.medium.max_sigma_t() * h
-}
-
-/// The relative error of a run without a budget.
-const TARGET: f64 = 0.02;
-
-fn choose_method(
-    scene: &Scene,
-    settings: &Settings,
-    target_error: Option<f64>,
-    (scatters, dense): (bool, Option<f64>),
-    why: &mut Explain,
-) -> Result<Method> {
-    let medium = &scene.medium;
-    if medium.volume.is_ball() {
-        if let Some(method @ (Method::Single | Method::Photon)) = settings.method {
-            return scene_error(format!(
-                "method = \"{method}\" needs voxels, and a sphere has none; use method = \"path\""
-            ));
-        }
-        if settings.tracker == Some(Tracker::March) {
-            return scene_error("tracker = \"march\" needs voxels, and a sphere has none; use \"analytic\"");
-        }
-        why.push("method", Method::Path.to_string(), "a sphere has no voxels".into());
-        return Ok(Method::Path);
-    }
-    // A bound on what leaves order 1 for order 2, and so on: albedo times the chance of a collision on the longest way.
-    let diagonal = medium.volume.size().iter().map(|s| s * s).sum::<f64>().sqrt();
-    let again = medium.max_albedo() * -(-medium.max_sigma_t() * diagonal).exp_m1();
-    let beyond = if again < 1.0 { again / (1.0 - again) } else { f64::INFINITY };
-    let (method, reason) = match (settings.method, target_error) {
-        (Some(Method::Single), _) => {
-            (Method::Single, format!("asked for; orders >= 2, which may reach {beyond:.2} of order 1, are left out"))
-        }
-        (Some(method), _) => (method, "asked for".into()),
-        (None, _) if settings.spp.is_some() => (Method::Path, "spp is given".into()),
-        (None, Some(target)) if scatters && settings.max_scatterings != Some(0) && beyond < 0.5 * target => {
-            (Method::Single, format!("orders >= 2 are below {beyond:.1e} of order 1, the target is {target}"))
-        }
-        (None, target) if dense::takes_paths(dense, settings, target.unwrap_or(TARGET)) => {
-            (Method::Path, format!("voxels that are seen are {:.2} mean free paths thick", dense.unwrap_or(0.0)))
-        }
-        (None, _) => (Method::Photon, format!("orders >= 2 may reach {beyond:.2} of order 1")),
-    };
-    why.push("method", method.to_string(), reason);
-    Ok(method)
-}
-
-/// Voxels' scores at tentative collisions need a majorant of this optical depth per voxel: with rarer ones their spread
-/// is so skew that a standard error does not describe it.
-pub const LEAST_SCORED_DEPTH: f64 = 0.3;
-
-fn choose_layers(
-    scene: &Scene,
-    settings: &Settings,
-    (lights, emits): (&[LightPlan], bool),
-    scattered: bool,
-    orders: u32,
-    harmonics: bool,
-) -> (Vec<Layer>, [Route; 3]) {
-    let isotropic = scene.medium.phase.is_isotropic();
-    let wants_source = orders > 0 && (settings.radiance || settings.image);
-    let sampled = emits || lights.iter().any(|l| l.direct == Direct::Sampled && l.emission == Emission::AtLight);
-    let scattered = scattered && (emits || lights.iter().any(|l| l.emission != Emission::Nothing));
-    let mut layers = Vec::new();
-    let mut add = |wanted: bool, layer: Layer| {
-        wanted.then(|| {
-            layers.push(layer);
-            layers.len() - 1
-        })
-    };
-    let any = settings.fluence || wants_source;
-    if isotropic {
-        let unscattered = add(sampled && any, Layer::Unscattered);
-        let inner = add(scattered && any && (orders > 1 || orders == u32::MAX), Layer::Inner);
-        let last = add(scattered && settings.fluence && orders != u32::MAX, Layer::Last);
-        (layers, [(unscattered, None), (inner, None), (last, None)])
-    } else {
-        let fluence = add((sampled || scattered) && settings.fluence, Layer::Inner);
-        let (zero, more) = match harmonics {
-            true => (Layer::HarmonicsUnscattered, Layer::Harmonics),
-            false => (Layer::EyeUnscattered, Layer::Eye),
-        };
-        let eye0 = add(sampled && wants_source, zero);
-        let eye = add(scattered && wants_source && orders > 1, more);
-        (layers, [(fluence, eye0), (fluence, eye), (fluence, None)])
-    }
-}
-
-/// Photons of a batch at most. In units of 2^-36 of the mean photon's weight the energies of so many are 2^60: eight times
-/// as much, which single photons of more weight (starts at first collisions, survivors of roulette, unequal extinctions)
-/// may make of it by chance, still has its place in 63 bits. Photons are numbered within a batch in 32.
-pub const LARGEST_BATCH: u64 = 1 << 24;
-
-/// Photons per batch and, if their number is given, batches: enough batches for a variance, few enough that folding them
-/// into the moments (a sweep over the volume) stays small beside the walk. Every light has a photon in every batch.
-fn choose_batches(
-    settings: &Settings,
-    emitters: u64,
-    voxels: usize,
-    subvolumes: usize,
-    per_second: f64,
-) -> Result<(u64, Option<u64>)> {
-    let round = subvolumes.max(8) as u64;
-    // Each fold costs as much as a few photons per voxel of its sweep.
-    let worth = (voxels as u64 / 4).clamp(1, LARGEST_BATCH);
-    match settings.photons {
-        Some(photons) if photons < emitters => {
-            scene_error(format!("photons = {photons} is not allowed; each of the {emitters} lights needs one at least"))
-        }
-        Some(photons) => {
-            // Batches are short beside a second, so that a run can stop at any time with what it has.
-            let least = photons.div_ceil(worth.max(1 << 18));
-            let batches = (photons / worth).clamp(round, 64).max(least).div_ceil(round) * round;
-            let batches = batches.min(photons / emitters);
-            Ok((photons.div_ceil(batches), Some(batches)))
-        }
-        None => {
-            let mut size = (worth / 4).clamp(8192, 1 << 22);
-            if let Some(limit) = settings.time_limit {
-                size = size.min(((per_second * limit / 32.0) as u64).max(256));
-            }
-            Ok((size.max(emitters), None))
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn batches_stay_within_what_their_sums_hold() {
-        let settings = |photons| Settings { photons, ..Settings::default() };
-        for voxels in [1, 1000, 1 << 21, 1 << 27, 1 << 30, 1 << 36] {
-            for photons in [1, 100, 1 << 18, (1 << 24) - 1, 1 << 27, (1 << 27) + 1, 3 << 30, 1_000_000_000_000_000] {
-                for emitters in [1, 3, 40].into_iter().filter(|&emitters| emitters <= photons) {
-                    let (size, batches) =
-                        choose_batches(&settings(Some(photons)), emitters, voxels, 16, 1e6).expect("enough photons");
-                    let batches = batches.expect("their number is given");
-                    let largest = photons / batches + u64::from(photons % batches > 0);
-                    assert!(largest == size && size <= LARGEST_BATCH, "{voxels} {photons}: {batches} of {largest}");
-                    assert!(photons / batches >= emitters, "{voxels} {photons} {emitters}: {batches}");
-                }
-            }
-            let open = choose_batches(&settings(None), 1, voxels, 16, 1e12).expect("enough photons");
-            assert!(open.0 <= LARGEST_BATCH);
-        }
-        // Eight times the energies of so many mean photons are within 63 bits.
-        assert!(LARGEST_BATCH * 8 <= (1 << 63 >> 36) && LARGEST_BATCH < u64::from(u32::MAX));
-    }
 }

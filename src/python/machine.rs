@@ -1,6 +1,6 @@
 //! What there is on this machine.
 
-use super::convert::to_py;
+use super::errors::to_py;
 use super::watch::Threads;
 use crate::backend::Device;
 use crate::backend::cpu::simd;

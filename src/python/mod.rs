@@ -1,6 +1,7 @@
 //! The Python module `mcrt._mcrt`: dictionaries and arrays in, arrays out. The only place that knows of Python.
 
 mod convert;
+mod errors;
 mod machine;
 mod scene;
 mod watch;
@@ -16,10 +17,11 @@ use crate::error::Result;
 use crate::physics::Phase;
 use crate::physics::harmonics::count;
 use crate::physics::rng::{Draws, split, uniform64};
-use crate::plan::{Column, LightPlan, Plan, Settings, cost};
+use crate::plan::{Column, Direct, LightPlan, Plan, Settings, cost};
 use crate::result::{Order0, Outcome, Stopped};
 use crate::scene::{Camera, Light};
-use convert::{array, to_py};
+use convert::array;
+use errors::to_py;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -186,12 +188,11 @@ fn unscattered<'py>(
     scene: &Bound<'py, Prepared>,
     settings: &Bound<'py, PyDict>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let device = device_or_cpu(py, settings)?;
     let scene = scene.get();
     let held = scene.hold(py)?;
     let parsed = scene.scene(&held)?;
-    // The run that this belongs to was let through.
-    let settings = Settings { force: true, ..convert::settings(settings)?.on(&device, "cpu") };
+    // The run that this belongs to was let through; its unscattered light is found on the CPU, whatever it ran on.
+    let settings = Settings { force: true, ..convert::settings(settings)?.on(&Device::Cpu, "cpu") };
     let (order0, channels) = Threads::new(settings.threads).watch(py, None, None, |control| {
         let plan = Plan::new(&parsed, &settings)?;
         Ok((run::order0(&plan, control)?, plan.channels))
@@ -395,7 +396,8 @@ fn report<'py>(py: Python<'py>, plan: &Plan, outcome: Outcome) -> PyResult<Bound
     out.set_item("fine", plan.lights.iter().map(LightPlan::fine).collect::<Vec<_>>())?;
     if plan.paths.is_none() {
         out.set_item("energy", convert::energy(py, &outcome.energy, channels)?)?;
-        out.set_item("order0", false)?;
+        let voxels = plan.settings.fluence || plan.settings.radiance;
+        out.set_item("order0", !voxels || plan.lights.iter().all(|light| light.direct == Direct::Sampled))?;
     }
     if let Some(order0) = outcome.order0 {
         out.set_item("unscattered", report_order0(py, order0, n, channels)?)?;

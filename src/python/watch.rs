@@ -1,6 +1,6 @@
 //! Work on other threads, while this one listens to Ctrl-C and tells the caller's progress.
 
-use super::convert::to_py;
+use super::errors::to_py;
 use crate::backend::{Control, cpu};
 use crate::error::{Error, Result};
 use pyo3::prelude::*;

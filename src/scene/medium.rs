@@ -106,6 +106,7 @@ pub struct Medium<'a> {
     pub phase: Phase,
     /// What it emits by itself.
     pub emission: Option<Emission<'a>>,
+    max_albedo: f64,
 }
 
 impl<'a> Medium<'a> {
@@ -136,13 +137,17 @@ impl<'a> Medium<'a> {
                 }
             }
         }
+        let max_albedo = match albedo {
+            Albedo::Constant(a) => a.max(),
+            Albedo::PerVoxel(a) => f64::from(a.iter().copied().fold(0.0f32, f32::max)),
+        };
         let depth = extinction.max() * f64::from(volume.max()) * volume.size().iter().sum::<f64>();
         if !(depth < 1e12) {
             return scene_error(format!(
                 "extinction * density * size reaches an optical depth of {depth:e}; below 1e12 is allowed"
             ));
         }
-        Ok(Medium { volume, extinction, albedo, phase, emission: None })
+        Ok(Medium { volume, extinction, albedo, phase, emission: None, max_albedo })
     }
 
     /// The same medium, with its voxels at another place in memory.
@@ -156,6 +161,7 @@ impl<'a> Medium<'a> {
             },
             phase: self.phase.clone(),
             emission: self.emission.as_ref().map(|emission| emission.holding(voxels.emission)),
+            max_albedo: self.max_albedo,
         }
     }
 
@@ -188,10 +194,7 @@ impl<'a> Medium<'a> {
 
     /// Largest albedo anywhere.
     pub fn max_albedo(&self) -> f64 {
-        match self.albedo {
-            Albedo::Constant(a) => a.max(),
-            Albedo::PerVoxel(a) => f64::from(a.iter().copied().fold(0.0f32, f32::max)),
-        }
+        self.max_albedo
     }
 
     /// Largest extinction coefficient anywhere [1/length].

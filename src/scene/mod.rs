@@ -3,6 +3,7 @@
 
 pub mod camera;
 pub mod environment;
+pub mod eye;
 pub mod field;
 pub mod light;
 pub mod medium;

@@ -1,8 +1,8 @@
 //! From spherical harmonics of the incident radiance to what scatters towards an eye: J = sum of p_l L_lm Y_lm(to the eye),
 //! as `physics::harmonics` derives it.
 
-use super::shoot::LocalEye;
 use crate::physics::harmonics::{count, evaluate};
+use crate::scene::eye::LocalEye;
 use crate::scene::{Camera, Scene};
 use rayon::prelude::*;
 

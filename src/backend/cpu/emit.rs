@@ -472,7 +472,7 @@ fn first_collisions<'a>(
 
 /// The mean density over a voxel: its own, or with interpolation the exact mean of the trilinear function, which is
 /// (1/8, 6/8, 1/8) along each axis.
-fn mean_density(volume: &crate::scene::Volume, voxel: [usize; 3]) -> f32 {
+pub fn mean_density(volume: &crate::scene::Volume, voxel: [usize; 3]) -> f32 {
     let n = volume.n();
     let field = Field::density(volume);
     if !volume.linear() {

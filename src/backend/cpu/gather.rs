@@ -8,25 +8,25 @@ mod backdrop;
 mod close;
 mod lit;
 mod outline;
+mod points;
 mod samples;
 
 use super::emitted::Glow;
 use super::even::{Packed, suits};
 use super::light::{GAUSS, Illumination};
-use super::shoot::LocalEye;
 use super::unscattered::{cosine, over_beam};
 use crate::physics::Phase;
+use crate::scene::eye::LocalEye;
 use crate::scene::field::{Field, Occupancy, V3, along, between, local};
 use crate::scene::{Albedo, Camera, Light, Scene, ViewRay};
 pub use backdrop::Backdrop;
 use close::{Profile, close_light};
 pub use outline::Outline;
+pub use points::{point, stride};
 use rayon::prelude::*;
 use samples::samples_per_axis;
 #[cfg(feature = "gpu")]
-pub use samples::{Rays, point, rays, stride};
-#[cfg(not(feature = "gpu"))]
-use samples::{point, stride};
+pub use samples::{Rays, rays};
 
 /// Largest optical depth of a step.
 const STEP_DEPTH: f32 = 0.5;

@@ -4,9 +4,11 @@
 //! Flights score weight / majorant at every tentative collision. Majorants are high enough for that to happen in every
 //! voxel that a photon crosses often enough to have a normal spread: where the medium is thinner, they are raised.
 
+use super::course::{Course, Scored};
 use super::emit::{Cursor, FirstCollisions, Start};
-use super::flights::{ALL, Course, Flights, N, Row, Scored, bits, mask};
-use super::shoot::{Energies, Engine, ROULETTE, SURVIVAL, Task, Walk};
+use super::energies::Energies;
+use super::flights::{ALL, Flights, N, Row, bits, mask};
+use super::shoot::{Engine, ROULETTE, SURVIVAL, Task, Walk};
 use super::simd::{Kernel, best, dispatch};
 use crate::physics::Real;
 use crate::physics::harmonics::{MAX_ORDER, count, evaluate};

@@ -1,8 +1,11 @@
 //! The CPU backend: runs a plan on all cores, with the same bits for any number of threads.
 
 pub mod angular;
+pub mod collision_medium;
+pub mod course;
 pub mod emit;
 pub mod emitted;
+pub mod energies;
 mod even;
 pub mod flights;
 pub mod gather;
@@ -18,16 +21,17 @@ pub mod track;
 pub mod unscattered;
 
 use crate::backend::Control;
-use crate::backend::run::Shooter;
+use crate::backend::shot::Shooter;
 use crate::backend::shot::bin_units;
 use crate::error::{Error, Result};
 use crate::plan::{Layer, Plan, Tracker, cost};
 use crate::scene::field::Field;
 use crate::tally::Bins;
 use emit::Emitter;
+use energies::Energies;
 use lanes::Laned;
 use rayon::ThreadPool;
-use shoot::{Energies, Engine, OneByOne, Walk};
+use shoot::{Engine, OneByOne, Walk};
 use track::{Analytic, March, Woodcock};
 
 /// A pool of the given number of threads, for one call. None is kept, nor is the one used that rayon has for all: a process

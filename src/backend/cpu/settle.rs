@@ -1,7 +1,7 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::angular::Towards;
-use super::emit::hit_fraction;
+use super::emit::{hit_fraction, mean_density};
 use super::gather::Volumes;
 use super::light::Illumination;
 use super::pixel_error;
@@ -38,9 +38,13 @@ pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
             let unit = of(per_unit(plan, shot.powers));
             let one = of(of_one_photon(plan, &shot));
             (mean, error) = shot.absorbed.settle(&unit[..channels], &one[..channels], count);
-            // Where photons were counted and nothing is absorbed, there is nothing that absorbs.
-            let empty = |at: usize| shot.absorbed.is_empty(at) && !shot.fluence.is_empty(at);
-            error.par_iter_mut().enumerate().filter(|&(at, _)| empty(at)).for_each(|(_, e)| *e = 0.0);
+            // Of what is empty nothing is absorbed.
+            let (volume, n) = (&plan.scene.medium.volume, plan.scene.medium.volume.n());
+            error.par_chunks_mut(channels).enumerate().for_each(|(voxel, error)| {
+                if mean_density(volume, [voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])]) == 0.0 {
+                    error.fill(0.0);
+                }
+            });
         }
         (mean, error)
     });
@@ -223,7 +227,9 @@ fn energy(plan: &Plan, shot: &Shot) -> Energy {
             totals.push(total);
         }
         let k = totals.len() as f64;
-        if k >= 2.0 {
+        if k == 1.0 {
+            energy.error[c] = f64::INFINITY;
+        } else if k >= 2.0 {
             let mean = totals.iter().sum::<f64>() / k;
             energy.error[c] = (totals.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (k * (k - 1.0))).sqrt();
         }
@@ -301,10 +307,14 @@ pub fn relative_error(
         return Ok((0.0, 0.0));
     }
     if !plan.over_pixels() {
-        let moments = if shot.fluence.mean.is_empty() { &shot.source } else { &shot.fluence };
+        let (moments, one) = if shot.fluence.mean.is_empty() {
+            (&shot.source, source_of_one_photon(plan, shot))
+        } else {
+            (&shot.fluence, of_one_photon(plan, shot))
+        };
         let count = shot.batches;
         let unit = per_unit(plan, shot.powers);
-        let (mut values, mut errors) = moments.settle(&unit[..channels], &of_one_photon(plan, shot)[..channels], count);
+        let (mut values, mut errors) = moments.settle(&unit[..channels], &one[..channels], count);
         if !shot.fluence.mean.is_empty() && plan.settings.fluence {
             let found = match order0 {
                 Some(found) => found,

@@ -1,94 +1,27 @@
 //! The photon walk: starts, flights, scatterings, and what they leave in the tallies.
 
+use super::collision_medium::Medium;
 use super::emit::{Emitter, Start};
+use super::energies::Energies;
 use super::track::{Flight, Scorer, Tracker, Weights};
 use crate::backend::Control;
-use crate::error::{Error, Result};
 use crate::physics::Phase;
 use crate::physics::frame::rotate;
 use crate::physics::harmonics::{MAX_ORDER, count, evaluate};
 use crate::physics::rng::{Draws, rounding, split, uniform, uniform64};
 use crate::plan::{Plan, Route};
 use crate::result::{EXIT_FACES, Share};
-use crate::scene::camera::Eye;
-use crate::scene::field::{Field, V3};
-use crate::scene::{Albedo, Camera, Scene};
-use crate::tally::{Bins, rounded};
+use crate::scene::field::V3;
+use crate::tally::Bins;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Fixed-point unit of energies: weights of 1 are 2^36 units. Those of a batch, whose mean is 1 at the start, stay far
-/// within 63 bits: [`crate::plan::LARGEST_BATCH`].
-const ENERGY_UNIT: f32 = 68_719_476_736.0;
 /// Collisions between looks at the clock and the stop flag within one photon.
 const PATIENCE: u32 = 1 << 14;
 /// Below this weight a photon plays roulette, and survives with the chance `SURVIVAL`.
 pub const ROULETTE: f32 = 0.1;
 /// A power of two, which two random bits decide.
 pub const SURVIVAL: f32 = 0.25;
-
-/// What happened to the energy of the photons of a task or batch, in fixed point: sums are the same in any order.
-#[derive(Debug, Clone, Copy)]
-pub struct Energies {
-    shares: [[i64; 3]; Share::COUNT],
-    /// Whether a sum left the range of its integer.
-    overflowed: bool,
-    /// Real collisions.
-    pub collisions: u64,
-}
-
-impl Default for Energies {
-    fn default() -> Self {
-        Energies { shares: [[0; 3]; Share::COUNT], overflowed: false, collisions: 0 }
-    }
-}
-
-impl Energies {
-    /// Sums of shares by channel in 2^-36 of a weight, and real collisions.
-    pub fn from_units(shares: [[i64; 3]; Share::COUNT], collisions: u64) -> Self {
-        Energies { shares, overflowed: false, collisions }
-    }
-
-    /// Adds a weight to a share; `xi` rounds.
-    #[inline(always)]
-    pub fn add<const C: usize>(&mut self, share: Share, weight: [f32; C], xi: f32) {
-        for c in 0..C {
-            self.add_units(share.index(), c, rounded(weight[c] * ENERGY_UNIT, xi));
-        }
-    }
-
-    #[inline(always)]
-    fn add_units(&mut self, share: usize, channel: usize, units: i64) {
-        let (sum, overflowed) = self.shares[share][channel].overflowing_add(units);
-        self.shares[share][channel] = sum;
-        self.overflowed |= overflowed;
-    }
-
-    /// The sums of both.
-    pub fn merge(mut self, other: Self) -> Self {
-        for share in 0..Share::COUNT {
-            for channel in 0..3 {
-                self.add_units(share, channel, other.shares[share][channel]);
-            }
-        }
-        self.overflowed |= other.overflowed;
-        self.collisions += other.collisions;
-        self
-    }
-
-    /// Itself, or an error where a sum ever left its range.
-    pub fn checked(self) -> Result<Self> {
-        if self.overflowed {
-            return Err(Error::Internal("the energies of a batch exceeded 2^63 units".into()));
-        }
-        Ok(self)
-    }
-
-    /// The sum in a share and channel, in weights.
-    pub fn get(&self, share: Share, channel: usize) -> f64 {
-        self.shares[share.index()][channel] as f64 / f64::from(ENERGY_UNIT)
-    }
-}
 
 /// What all photons of a run share.
 pub struct Walk<'a> {
@@ -326,106 +259,6 @@ impl<const C: usize, T: Tracker<C>> OneByOne<T, C> {
     }
 }
 
-/// What a photon needs of the medium at a collision.
-pub struct Medium<'a> {
-    /// The albedo by channel, where it is constant.
-    pub constant: [f32; 3],
-    /// The albedo's field, where it is not.
-    pub field: Option<Field<'a>>,
-    /// 1 / the largest density.
-    per_density: f32,
-    /// Spacing.
-    pub h: V3,
-    /// Voxels per length.
-    pub inverse_h: V3,
-    /// Where anisotropic media are recorded towards.
-    pub eye: LocalEye,
-}
-
-impl<'a> Medium<'a> {
-    /// That of a scene.
-    #[inline(always)]
-    pub fn new(scene: &'a Scene<'a>) -> Self {
-        let medium = &scene.medium;
-        let h = medium.volume.spacing();
-        let (constant, field) = match medium.albedo {
-            Albedo::Constant(a) => (a.rgb.map(|x| x as f32), None),
-            Albedo::PerVoxel(values) => ([0.0; 3], Some(Field::new(values, &medium.volume))),
-        };
-        Medium {
-            constant,
-            field,
-            per_density: 1.0 / medium.volume.max().max(1e-30),
-            h: h.map(|c| c as f32),
-            inverse_h: h.map(|c| (1.0 / c) as f32),
-            eye: LocalEye::new(scene, &scene.camera),
-        }
-    }
-
-    /// The albedo at a point; a per-voxel one by a read whose mean it is, which is unbiased as weights are linear in it.
-    #[inline(always)]
-    pub fn albedo<const C: usize>(&self, p: V3, word: u32) -> [f32; C] {
-        match &self.field {
-            None => std::array::from_fn(|c| self.constant[c]),
-            Some(field) => [field.one_read(p, word); C],
-        }
-    }
-
-    /// The albedo at a point.
-    pub fn albedo_at(&self, p: V3) -> [f64; 3] {
-        match &self.field {
-            None => self.constant.map(f64::from),
-            Some(field) => [f64::from(field.at(p)); 3],
-        }
-    }
-
-    /// Absorption at a point of the given density, in multiples of [`Plan::largest_absorption`].
-    #[inline(always)]
-    pub fn relative_absorption(&self, p: V3, density: f32) -> f32 {
-        let relative = density * self.per_density;
-        match &self.field {
-            None => relative,
-            Some(field) => relative * (1.0 - field.at(p)),
-        }
-    }
-}
-
-/// The eye in voxel coordinates.
-#[derive(Debug, Clone, Copy)]
-pub enum LocalEye {
-    /// A point.
-    Point(V3),
-    /// A direction towards it.
-    Direction(V3),
-}
-
-impl LocalEye {
-    /// The eye of a camera.
-    pub fn new(scene: &Scene, camera: &Camera) -> Self {
-        let volume = &scene.medium.volume;
-        match camera.eye() {
-            Eye::Point(world) => {
-                let (p, h) = (volume.local(world), volume.spacing());
-                LocalEye::Point(std::array::from_fn(|a| (p[a] / h[a]) as f32))
-            }
-            Eye::Direction(d) => LocalEye::Direction(d.map(|c| c as f32)),
-        }
-    }
-
-    /// The unit vector from a point towards the eye.
-    #[inline(always)]
-    pub fn from(&self, p: V3, h: V3) -> V3 {
-        match self {
-            LocalEye::Direction(d) => *d,
-            LocalEye::Point(eye) => {
-                let r: V3 = std::array::from_fn(|a| (eye[a] - p[a]) * h[a]);
-                let norm = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt().max(1e-30);
-                r.map(|c| c / norm)
-            }
-        }
-    }
-}
-
 /// Scores a flight into the layers that its order goes to.
 struct Scores<'a> {
     bins: &'a [Vec<Bins>],
@@ -520,40 +353,6 @@ mod tests {
                     );
                 }
             }
-        }
-    }
-
-    #[test]
-    fn energies_that_leave_their_range_are_an_error() {
-        let near = |units: i64| Energies::from_units([[units; 3]; Share::COUNT], 0);
-        let mut fits = near(i64::MAX - (1 << 37));
-        fits.add(Share::Absorbed, [1.0f32], 0.5);
-        assert!(fits.checked().is_ok());
-        fits.add(Share::Absorbed, [2.0f32], 0.5);
-        assert!(fits.checked().is_err_and(|e| e.to_string().contains("2^63")));
-        assert!(near(1 << 62).merge(near(1 << 62)).checked().is_err());
-        assert!(near(1 << 61).merge(near(1 << 61)).checked().is_ok());
-        assert!(near(-1 << 62).merge(near(-1 << 62)).merge(near(-1)).checked().is_err());
-        // What is not finite is no energy.
-        let mut infinite = near(1);
-        infinite.add(Share::Absorbed, [f32::INFINITY], 0.5);
-        assert!(infinite.checked().is_err());
-    }
-
-    #[test]
-    fn small_energies_keep_their_mean() {
-        let mut sum = Energies::default();
-        let n = 1 << 20;
-        for i in 0..n {
-            let xi = rounding(crate::physics::rng::words([1, 0], [i, 0], 0, 0)[0]);
-            // A hundredth of a unit, up and down.
-            sum.add(Share::Absorbed, [0.01 / ENERGY_UNIT, -0.01 / ENERGY_UNIT], xi);
-        }
-        for (channel, sign) in [(0, 1.0), (1, -1.0)] {
-            let units = sum.get(Share::Absorbed, channel) * f64::from(ENERGY_UNIT) * sign;
-            let (mean, error) = (0.01 * f64::from(n), (0.01 * f64::from(n)).sqrt());
-            // 1 in 10^7.
-            assert!((units - mean).abs() < 5.3 * error, "{units} of {mean}");
         }
     }
 }

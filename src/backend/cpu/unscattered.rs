@@ -8,18 +8,18 @@ mod aim;
 mod tally;
 mod walk;
 
-use super::shoot::LocalEye;
 use crate::backend::Control;
 use crate::error::{Error, Result};
 use crate::physics::Phase;
 use crate::physics::lattice::Lattice;
 use crate::physics::rng::{split, uniform64, words};
 use crate::plan::REPLICATES;
+use crate::scene::eye::LocalEye;
 use crate::scene::field::V3;
 use crate::scene::{Albedo, Scene};
 use crate::tally::Moments;
 use rayon::prelude::*;
-use tally::{Sums, Units, WHOLE, exponent, power_of_2};
+use tally::{Set, Sums, Units, WHOLE, exponent, power_of_2};
 
 pub use aim::Aim;
 pub use walk::{Fate, Matter, Stay, Way};
@@ -112,23 +112,28 @@ pub fn means<const K: usize>(
             if control.stopped() {
                 return;
             }
+            let sets = [0, 1, 2].map(|tally: usize| sums[tally].as_ref().map(Sums::set));
             aim.over_row(row, lattice, shift, &mut |way: &Way, flux: f64| {
+                // A single cell next to a light may have many rays.
+                if control.stopped() {
+                    return;
+                }
                 let flux = flux * per_volume;
+                let direction: V3 = std::array::from_fn(|a| (way.v[a] * h[a]) as f32);
                 matter.walk(way, |cell, stay| {
                     let at = (cell[2] as usize * n[1] + cell[1] as usize) * n[0] + cell[0] as usize;
                     let scale = flux * units.of(cell);
-                    let add = |sums: &Sums, values: &[f64; K], scale: f64| {
-                        (0..K).for_each(|c| sums.add(at * K + c, values[c] * scale));
+                    let add = |set: &Set, values: &[f64; K], scale: f64| {
+                        (0..K).for_each(|c| set.add(at * K + c, values[c] * scale));
                     };
-                    if let Some(sums) = &sums[0] {
-                        add(sums, &stay.path, scale * scales[0]);
+                    if let Some(set) = &sets[0] {
+                        add(set, &stay.path, scale * scales[0]);
                     }
-                    if let Some(sums) = &sums[1] {
-                        add(sums, &stay.absorbed, scale * scales[1]);
+                    if let Some(set) = &sets[1] {
+                        add(set, &stay.absorbed, scale * scales[1]);
                     }
-                    if let (Some(sums), Some((phase, eye))) = (&sums[2], &wanted.seen) {
+                    if let (Some(sums), Some((phase, eye))) = (&sets[2], &wanted.seen) {
                         let toward = eye.from(cell.map(|c| c as f32 + 0.5), single);
-                        let direction: V3 = std::array::from_fn(|a| (way.v[a] * h[a]) as f32);
                         add(sums, &stay.path, scale * scales[2] * f64::from(phase.pdf(cosine(toward, direction))));
                     }
                 });

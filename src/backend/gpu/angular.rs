@@ -3,9 +3,9 @@
 use super::device::Gpu;
 use super::kernel::{Binding, Source};
 use crate::backend::cpu::angular::Towards;
-use crate::backend::cpu::shoot::LocalEye;
 use crate::error::Result;
 use crate::physics::harmonics::count;
+use crate::scene::eye::LocalEye;
 use bytemuck::{Pod, Zeroable};
 
 /// `Job` of `shaders/angular.wgsl`.

@@ -2,11 +2,10 @@
 
 use super::adapter;
 use super::kernel::{Binding, Kernel, Source};
-use super::scene::GpuScene;
 use crate::error::{Error, Result};
-use crate::scene::Scene;
 use bytemuck::{NoUninit, Pod};
 use pollster::block_on;
+use std::any::Any;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -27,17 +26,13 @@ pub struct Gpu {
     /// What went wrong outside of any call: the loss of the device, or an error.
     trouble: Arc<Mutex<Option<Error>>>,
     kernels: Mutex<Kernels>,
-    /// The scene that was looked at last.
-    scene: Mutex<Option<Kept>>,
+    /// What was uploaded last to be kept, with its key.
+    uploaded: Mutex<Option<(Key, Upload)>>,
 }
 
-/// A scene that was uploaded in so many channels.
-#[derive(Debug)]
-struct Kept {
-    id: u64,
-    channels: usize,
-    scene: Arc<GpuScene>,
-}
+/// Whose upload it is, and which kind of it.
+type Key = (u64, usize);
+type Upload = Arc<dyn Any + Send + Sync>;
 
 /// Kernels that are kept.
 const KEPT: usize = 64;
@@ -131,7 +126,7 @@ impl Gpu {
             held(&failed).get_or_insert(error);
         }));
         let software = adapter::is_software(adapter);
-        Ok(Gpu { device, queue, description, software, trouble, kernels: Mutex::default(), scene: Mutex::default() })
+        Ok(Gpu { device, queue, description, software, trouble, kernels: Mutex::default(), uploaded: Mutex::default() })
     }
 
     /// Gives the device up, as a driver does that crashes.
@@ -190,17 +185,18 @@ impl Gpu {
         (kernels.compiled, kernels.kept.len())
     }
 
-    /// A scene to be looked at, uploaded unless it was the last.
-    pub fn scene(&self, scene: &Scene, channels: usize) -> Result<Arc<GpuScene>> {
-        let mut last = held(&self.scene);
-        if let Some(kept) = last.as_ref().filter(|kept| kept.id == scene.id && kept.channels == channels) {
-            return Ok(kept.scene.clone());
+    /// What `upload` makes, which is kept until another key is asked for.
+    pub fn kept<T: Any + Send + Sync>(&self, key: Key, upload: impl FnOnce() -> Result<T>) -> Result<Arc<T>> {
+        let mut last = held(&self.uploaded);
+        let same = last.as_ref().filter(|(of, _)| *of == key);
+        if let Some(found) = same.and_then(|(_, upload)| upload.clone().downcast().ok()) {
+            return Ok(found);
         }
         // What is kept of another makes room first.
         *last = None;
-        let uploaded = Arc::new(GpuScene::new(self, scene, channels)?);
-        *last = Some(Kept { id: scene.id, channels, scene: uploaded.clone() });
-        Ok(uploaded)
+        let made = Arc::new(upload()?);
+        *last = Some((key, made.clone()));
+        Ok(made)
     }
 
     /// A buffer that kernels read and write, of the given size in bytes, all zero.

@@ -5,7 +5,7 @@ use super::glow::Glow;
 use super::kernel::{Binding, Source};
 use super::lights::Lights;
 use super::map::Maps;
-use crate::backend::cpu::emit::{Emitter, Kind, cone, sum_of};
+use crate::backend::cpu::emit::{Emitter, Kind, sum_of};
 use crate::error::Result;
 use crate::scene::Scene;
 use bytemuck::{Pod, Zeroable};
@@ -95,6 +95,17 @@ fn lit(factors: [f32; 3]) -> [f32; 3] {
     [factors.iter().filter(|&&factor| factor > 0.0).count() as f32; 3]
 }
 
+/// A voxel coordinate in single precision, which stays on its side of the faces at 0 and `n`, or on a face.
+fn on_its_side(p: f64, n: f64) -> f32 {
+    let (single, top) = (p as f32, n as f32);
+    match p {
+        p if p < 0.0 => single.min(-f32::MIN_POSITIVE),
+        p if p > n => single.max(top.next_up()),
+        p if p > 0.0 && p < n => single.clamp(f32::MIN_POSITIVE, top.next_down()),
+        _ => single,
+    }
+}
+
 impl Start {
     /// Uploads an emitter.
     pub fn new(gpu: &Gpu, scene: &Scene, emitter: &Emitter) -> Result<Self> {
@@ -119,9 +130,14 @@ impl Start {
             Kind::Point { position, axis, cap } => {
                 files.push("start_point");
                 let to: [f64; 3] = std::array::from_fn(|a| 0.5 * size[a] - position[a]);
-                let outside = cone(*position, size).1 < 2.0;
+                // Farther than two radii of the bounding sphere, where its own place is less exact than the box's centre.
+                let outside = to.iter().map(|c| c * c).sum::<f64>() > size.iter().map(|s| s * s).sum::<f64>();
                 constants.distance = if outside { to.iter().map(|c| c * c).sum::<f64>().sqrt() as f32 } else { 0.0 };
-                constants.place = single(if outside { size.map(|s| 0.5 * s) } else { *position });
+                constants.place = if outside {
+                    single(size.map(|s| 0.5 * s))
+                } else {
+                    std::array::from_fn(|a| on_its_side(position[a] / volume.spacing()[a], n[a] as f64))
+                };
                 branch = Some(("OUTSIDE", outside));
                 constants.axis = single(*axis);
                 constants.cap = *cap as f32;

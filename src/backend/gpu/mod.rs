@@ -6,6 +6,7 @@
 
 pub mod adapter;
 pub mod angular;
+pub mod camera;
 pub mod device;
 pub mod emit;
 pub mod gather;

@@ -1,7 +1,7 @@
 //! Path tracing on the GPU: the view rays of a pass in jobs, whose slots take ray after ray, each with all of its paths.
 
+use super::camera::View;
 use super::device::{GROUP, Gpu};
-use super::gather::View;
 use super::glow::Glow;
 use super::kernel::{Binding, Kernel};
 use super::lights::Lights;
@@ -9,7 +9,7 @@ use super::map::Maps;
 use super::pace::{self, ITERATIONS};
 use super::scene::GpuScene;
 use super::tracker::Track;
-use crate::backend::cpu::flights::{Course, Scored};
+use crate::backend::cpu::course::{Course, Scored};
 use crate::backend::cpu::path::connect::Connections;
 use crate::backend::cpu::path::walk::PATH;
 use crate::backend::cpu::path::{Passes, Rays, Sums};
@@ -372,7 +372,7 @@ mod tests {
     use super::super::kernels;
     use super::*;
     use crate::backend::Control;
-    use crate::backend::run::{illuminations, light_grids};
+    use crate::backend::views::{illuminations, light_grids};
     use crate::plan::{Method, Settings};
     use crate::scene::field::Field;
     use crate::scene::{Albedo, Camera, Light, Medium, Scene, Spectrum, Volume};

@@ -11,6 +11,7 @@ use crate::scene::camera::Eye;
 use crate::scene::{Albedo, Camera, Medium, Scene, Volume};
 use bytemuck::{Pod, Zeroable};
 use std::f64::consts::FRAC_1_PI;
+use std::sync::Arc;
 
 /// `Scene` of `shaders/tables.wgsl`.
 #[repr(C)]
@@ -97,6 +98,11 @@ pub struct GpuScene {
 }
 
 impl GpuScene {
+    /// A scene to be looked at, uploaded unless it was the last.
+    pub fn kept(gpu: &Gpu, scene: &Scene, channels: usize) -> Result<Arc<Self>> {
+        gpu.kept((scene.id, channels), || GpuScene::new(gpu, scene, channels))
+    }
+
     /// Uploads a scene.
     pub fn new(gpu: &Gpu, scene: &Scene, channels: usize) -> Result<Self> {
         let Medium { volume, albedo, .. } = &scene.medium;
@@ -208,7 +214,6 @@ mod tests {
     use super::super::{adapter, device};
     use super::*;
     use crate::scene::Spectrum;
-    use std::sync::Arc;
 
     #[test]
     fn the_scene_looked_at_last_is_uploaded_once() {
@@ -227,7 +232,7 @@ mod tests {
         };
         let (one, other) = (scene(), scene());
         let again = one.holding(&crate::scene::Voxels { density: &density, ..Default::default() });
-        let uploads = [&one, &again, &other, &one].map(|scene| gpu.scene(scene, 1).expect("it fits"));
+        let uploads = [&one, &again, &other, &one].map(|scene| GpuScene::kept(&gpu, scene, 1).expect("it fits"));
         assert!(Arc::ptr_eq(&uploads[0], &uploads[1]));
         assert!(!Arc::ptr_eq(&uploads[1], &uploads[2]) && !Arc::ptr_eq(&uploads[0], &uploads[3]));
     }

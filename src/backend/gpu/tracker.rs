@@ -1,6 +1,6 @@
 //! Flights on the GPU: the shader files that a plan's need, and what these read.
 
-use crate::backend::cpu::flights::Course;
+use crate::backend::cpu::course::Course;
 use crate::backend::cpu::track::Woodcock;
 use crate::plan::{Plan, Score, Tracker};
 

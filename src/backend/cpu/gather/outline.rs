@@ -1,6 +1,6 @@
 //! The medium's outline in the image: which part of a pixel's area it covers.
 
-use super::samples::{point, stride};
+use super::points::{point, stride};
 use crate::scene::camera::Eye;
 use crate::scene::{Camera, Scene};
 use std::f64::consts::{PI, TAU};

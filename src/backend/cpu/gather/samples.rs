@@ -1,4 +1,4 @@
-//! The rays of a pixel: as many as voxels it spans, and more where an outline or a light is seen in it; and where they pass.
+//! The rays of a pixel: as many as voxels it spans, and more where an outline or a light is seen in it.
 
 #[cfg(feature = "gpu")]
 use super::Volumes;
@@ -44,29 +44,6 @@ pub fn rays(volumes: &Volumes, camera: &Camera, outline: &Outline, pixels: Optio
             view.rays(camera, centre.as_ref(), outline.cover(x, y), fine)
         })
         .collect()
-}
-
-/// Points of a pixel, `n` by `n`: one in each of its equal squares, and one in each of its `n^2` columns and rows. The
-/// squares' columns are taken in the order of the multiples of [`stride`] modulo n + 1, the rows in the reverse, so that the
-/// points stay the same under quarter turns, and a plane's mean over them is exact (after Kensler, *Correlated
-/// multi-jittered sampling*, 2013).
-#[inline(always)]
-pub fn point(n: usize, stride: usize, at: usize) -> (f64, f64) {
-    let (i, j) = (at % n, at / n);
-    let order = |k: usize| ((k + 1) * stride % (n + 1)) as f64;
-    let parts = n as f64;
-    ((i as f64 + (order(j) - 0.5) / parts) / parts, (j as f64 + (parts + 0.5 - order(i)) / parts) / parts)
-}
-
-/// The number nearest below the golden section of n + 1 that has no factor in common with it.
-pub fn stride(n: usize) -> usize {
-    let common = |mut a: usize, mut b: usize| {
-        while b > 0 {
-            (a, b) = (b, a % b);
-        }
-        a
-    };
-    (1..=(n + 1) * 618 / 1000).rev().find(|&k| common(k, n + 1) == 1).unwrap_or(1)
 }
 
 /// Rays per pixel and axis: as many as voxels that a pixel spans, so that a pixel is the mean over its area.

@@ -9,13 +9,14 @@ mod lanes;
 mod primary;
 pub mod walk;
 
+use super::collision_medium::Medium;
 use super::gather::{Volumes, image};
 use super::pixel_error;
-use super::shoot::Medium;
 use super::track::{self, Analytic, March, Woodcock};
 #[cfg(feature = "gpu")]
 use crate::backend::gpu;
-use crate::backend::run::{illuminations, light_grids, stopped_by};
+use crate::backend::shot::stopped_by;
+use crate::backend::views::{illuminations, light_grids};
 use crate::backend::{Control, Device};
 use crate::error::{Error, Result};
 use crate::plan::{PathPlan, Plan, Tracker};

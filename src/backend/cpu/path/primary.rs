@@ -2,7 +2,7 @@
 
 use super::connect::{Connections, Met, Spot};
 use super::{Job, Seen};
-use crate::backend::cpu::shoot::Medium;
+use crate::backend::cpu::collision_medium::Medium;
 use crate::backend::cpu::track::Weights;
 use crate::physics::rng::{Draws, split, uniform, uniform64};
 use crate::scene::ViewRay;

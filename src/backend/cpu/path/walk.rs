@@ -4,7 +4,8 @@
 use super::connect::Connections;
 use super::primary::{First, Profile};
 use super::{Job, Seen, Tracer};
-use crate::backend::cpu::shoot::{Medium, ROULETTE, SURVIVAL};
+use crate::backend::cpu::collision_medium::Medium;
+use crate::backend::cpu::shoot::{ROULETTE, SURVIVAL};
 use crate::backend::cpu::track::{Flight, Scorer, Tracker, Weights};
 use crate::physics::frame::rotate;
 use crate::physics::rng::{Draws, split, uniform};

@@ -12,7 +12,36 @@ pub const WHOLE: i64 = 58;
 /// Sums of voxels.
 pub struct Sums {
     sets: Vec<Vec<AtomicI64>>,
+    /// Whether several threads add to one set.
+    shared: bool,
     overflow: AtomicBool,
+}
+
+/// The set that a thread adds to.
+#[derive(Clone, Copy)]
+pub struct Set<'a> {
+    sums: &'a [AtomicI64],
+    shared: bool,
+    overflow: &'a AtomicBool,
+}
+
+impl Set<'_> {
+    /// Adds some units, rounded.
+    #[inline(always)]
+    pub fn add(&self, at: usize, units: f64) {
+        let units = (units + 0.5) as i64;
+        let sum = &self.sums[at];
+        let old = if self.shared {
+            sum.fetch_add(units, Relaxed)
+        } else {
+            let old = sum.load(Relaxed);
+            sum.store(old.wrapping_add(units), Relaxed);
+            old
+        };
+        if old.checked_add(units).is_none() {
+            self.overflow.store(true, Relaxed);
+        }
+    }
 }
 
 impl Sums {
@@ -25,30 +54,25 @@ impl Sums {
             set.resize_with(len, AtomicI64::default);
             set
         };
-        Sums { sets: (0..sets).map(|_| set()).collect(), overflow: AtomicBool::new(false) }
+        let shared = sets == 1 && threads > 1;
+        Sums { sets: (0..sets).map(|_| set()).collect(), shared, overflow: AtomicBool::new(false) }
     }
 
-    /// Adds some units, rounded.
-    #[inline(always)]
-    pub fn add(&self, at: usize, units: f64) {
-        let units = (units + 0.5) as i64;
-        let old = if let [shared] = self.sets.as_slice() {
-            shared[at].fetch_add(units, Relaxed)
-        } else {
-            let sum = &self.sets[rayon::current_thread_index().unwrap_or(0)][at];
-            let old = sum.load(Relaxed);
-            sum.store(old.wrapping_add(units), Relaxed);
-            old
-        };
-        if old.checked_add(units).is_none() {
-            self.overflow.store(true, Relaxed);
-        }
+    /// That of this thread.
+    pub fn set(&self) -> Set<'_> {
+        let own = rayon::current_thread_index().unwrap_or(0) % self.sets.len();
+        Set { sums: &self.sets[own], shared: self.shared, overflow: &self.overflow }
     }
 
     /// Takes the sums from `first` on, and leaves zeros.
     pub fn take(&self, first: usize, into: &mut [f64]) {
+        let take = |sum: &AtomicI64| {
+            let units = sum.load(Relaxed);
+            sum.store(0, Relaxed);
+            units
+        };
         into.iter_mut().enumerate().for_each(|(at, into)| {
-            *into = self.sets.iter().map(|set| set[first + at].swap(0, Relaxed)).sum::<i64>() as f64;
+            *into = self.sets.iter().map(|set| take(&set[first + at])).sum::<i64>() as f64;
         });
     }
 

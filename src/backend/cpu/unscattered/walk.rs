@@ -11,8 +11,6 @@ use crate::scene::{Albedo, Scene};
 const DARK: f64 = 4.25e-18;
 /// Largest optical depth of a piece of Simpson's rule.
 const PIECE: f64 = 0.3;
-/// Optical depth of a piece below which it does not matter where in it the density is.
-const FAINT: f64 = 0.01;
 /// No piece is shorter than this part of its way through half a voxel.
 const SHORTEST: f64 = 1e-9;
 
@@ -89,7 +87,7 @@ const THIN: f64 = 0.35;
 /// The chance of a collision within an optical depth.
 #[inline(always)]
 fn chance(tau: f64) -> f64 {
-    if tau < THIN { tau * mean(tau) } else { thick_chance(tau) }
+    if tau < THIN { tau * thin_mean(tau) } else { thick_chance(tau) }
 }
 
 /// The same, kept apart from the loops that seldom need it.
@@ -99,14 +97,15 @@ fn thick_chance(tau: f64) -> f64 {
     1.0 - (-tau).exp()
 }
 
-/// The mean transmittance over a small optical depth: (1 - exp(-tau)) / tau.
+/// The mean transmittance over an optical depth up to [`THIN`]: (1 - exp(-tau)) / tau. The next term of its series is below
+/// 3e-11; terms are taken in pairs, which do not wait for each other.
 #[inline(always)]
-fn mean(tau: f64) -> f64 {
-    if tau < 0.01 {
-        return 1.0 - tau * (1.0 / 2.0 - tau * (1.0 / 6.0 - tau * (1.0 / 24.0)));
-    }
-    const N: [f64; 8] = [1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0, 1.0 / 9.0];
-    N.iter().rev().fold(1.0, |sum, n| 1.0 - tau * n * sum)
+fn thin_mean(tau: f64) -> f64 {
+    let (a, b) = (1.0 - tau * (1.0 / 2.0), 1.0 / 6.0 - tau * (1.0 / 24.0));
+    let (c, d) = (1.0 / 120.0 - tau * (1.0 / 720.0), 1.0 / 5040.0 - tau * (1.0 / 40_320.0));
+    let tau2 = tau * tau;
+    let tau4 = tau2 * tau2;
+    (a + tau2 * b) + tau4 * ((c + tau2 * d) + tau4 * (1.0 / 362_880.0))
 }
 
 /// The planes that a way crosses, of a grid with `cells` cells per voxel and axis.
@@ -140,11 +139,8 @@ impl Planes {
     #[inline(always)]
     fn exit(&self) -> (usize, f64) {
         let [x, y, z] = self.next;
-        match (x < y, x < z, y < z) {
-            (true, true, _) => (0, x),
-            (false, _, true) => (1, y),
-            _ => (2, z),
-        }
+        let (axis, across) = if x < y { (0, x) } else { (1, y) };
+        if across < z { (axis, across) } else { (2, z) }
     }
 }
 
@@ -154,8 +150,6 @@ struct Cell {
     start: f64,
     density: [f64; 4],
     albedo: Option<[f64; 4]>,
-    /// Whether there is nothing in it.
-    empty: bool,
 }
 
 impl<'a, const K: usize> Matter<'a, K> {
@@ -186,7 +180,8 @@ impl<'a, const K: usize> Matter<'a, K> {
     /// What of the light of a way leaves the box, in single precision; nothing is said of the rest.
     pub fn passage(&self, way: &Way) -> Fate<K> {
         let single = |v: [f64; 3]| v.map(|c| c as f32);
-        let enough = self.extinction.iter().fold(f64::INFINITY, |least, &e| least.min(40.0 / e)) as f32;
+        // What is dark in all channels is dark.
+        let enough = self.extinction.iter().fold(0.0f64, |most, &e| most.max(40.0 / e)) as f32;
         let column = self.density.column_up_to(single(way.p), single(way.v), way.length as f32, enough);
         Fate { through: self.extinction.map(|e| (-e * f64::from(column)).exp()), ..Fate::ZERO }
     }
@@ -219,7 +214,7 @@ impl<'a, const K: usize> Matter<'a, K> {
                 for c in 0..K {
                     let tau = self.extinction[c] * density * step;
                     let (mean, lost) = if tau < THIN {
-                        let mean = mean(tau);
+                        let mean = thin_mean(tau);
                         (mean, tau * mean)
                     } else {
                         let lost = thick_chance(tau);
@@ -246,10 +241,14 @@ impl<'a, const K: usize> Matter<'a, K> {
     #[inline(always)]
     fn walk_cells(&self, way: &Way, mut leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
         let n = self.density.n();
+        let most = self.extinction.iter().fold(0.0f64, |most, &e| most.max(e));
+        let simple = self.albedo.is_none();
         let mut planes = Planes::new(way, n, 2);
         let mut fate = Fate::FRESH;
         let mut stay = Stay { path: [0.0; K], absorbed: [0.0; K] };
-        let mut cell = Cell { start: 0.0, density: [0.0; 4], albedo: None, empty: true };
+        let mut cell = Cell { start: 0.0, density: [0.0; 4], albedo: None };
+        // The column from where the way enters the cell.
+        let mut before = 0.0;
         let mut t = 0.0;
         let mut fresh = true;
         loop {
@@ -258,10 +257,27 @@ impl<'a, const K: usize> Matter<'a, K> {
             if stop > t {
                 if fresh {
                     cell = self.cell(way, planes.cell.map(|half| ((half + 1) >> 1) - 1), t);
-                    fresh = false;
+                    (before, fresh) = (0.0, false);
                 }
-                self.integrate(&cell, t - cell.start, stop - cell.start, &mut fate, &mut stay);
-                t = stop;
+                let (from, to) = (t - cell.start, stop - cell.start);
+                let after = column(&cell.density, to);
+                if simple && most * (after - before) <= PIECE {
+                    let half = column(&cell.density, 0.5 * (from + to)) - before;
+                    for c in 0..K {
+                        let chance = |column: f64| {
+                            let tau = (self.extinction[c] * column).max(0.0);
+                            tau * thin_mean(tau)
+                        };
+                        let (halfway, lost, through) = (chance(half), chance(after - before), fate.through[c]);
+                        stay.path[c] += through * (to - from) * (1.0 - (4.0 * halfway + lost) * (1.0 / 6.0));
+                        stay.absorbed[c] += through * lost;
+                        fate.absorbed[c] += through * lost;
+                        fate.through[c] -= through * lost;
+                    }
+                } else {
+                    self.pieces(&cell, (from, before), (to, after), &mut fate, &mut stay);
+                }
+                (before, t) = (after, stop);
             }
             let half = planes.cell;
             planes.cell[axis] += planes.step[axis];
@@ -286,29 +302,31 @@ impl<'a, const K: usize> Matter<'a, K> {
     /// A cell between voxel centres, which the way enters at `t`.
     #[inline(always)]
     fn cell(&self, way: &Way, cell: [i32; 3], t: f64) -> Cell {
-        let enter = std::array::from_fn(|a| way.p[a] + way.v[a] * t - 0.5 - f64::from(cell[a]));
         let corners = self.density.corners(cell);
         if corners.is_zero() {
-            return Cell { start: t, density: [0.0; 4], albedo: None, empty: true };
+            return Cell { start: t, density: [0.0; 4], albedo: self.albedo.as_ref().map(|_| [0.0; 4]) };
         }
+        let enter = std::array::from_fn(|a| way.p[a] + way.v[a] * t - 0.5 - f64::from(cell[a]));
         let cubic = |corners: Corners| corners.cubic(enter, way.v);
         let albedo = self.albedo.as_ref().map(|albedo| cubic(albedo.corners(cell)));
-        Cell { start: t, density: cubic(corners), albedo, empty: false }
+        Cell { start: t, density: cubic(corners), albedo }
     }
 
-    /// Takes the light from `from` to `to` within a cell, in pieces of small optical depth.
-    #[inline(always)]
-    fn integrate(&self, cell: &Cell, from: f64, to: f64, fate: &mut Fate<K>, stay: &mut Stay<K>) {
-        if cell.empty {
-            (0..K).for_each(|c| stay.path[c] += fate.through[c] * (to - from));
-            return;
-        }
+    /// Takes the light on within a cell, in pieces of small optical depth; the ends come with the columns before them.
+    #[inline(never)]
+    fn pieces(
+        &self,
+        cell: &Cell,
+        (from, first): (f64, f64),
+        (to, last): (f64, f64),
+        fate: &mut Fate<K>,
+        stay: &mut Stay<K>,
+    ) {
         let thickest = |fate: &Fate<K>| {
             let alive = |c: usize| if fate.through[c] < DARK { 0.0 } else { self.extinction[c] };
             (0..K).fold(0.0, |most: f64, c| most.max(alive(c)))
         };
-        let (mut at, mut step, mut before, last) =
-            (from, to - from, column(&cell.density, from), column(&cell.density, to));
+        let (mut at, mut step, mut before) = (from, to - from, first);
         loop {
             let end = if at + step < to { at + step } else { to };
             let after = if end < to { column(&cell.density, end) } else { last };
@@ -336,14 +354,6 @@ impl<'a, const K: usize> Matter<'a, K> {
         stay: &mut Stay<K>,
     ) {
         let whole = after - before;
-        if cell.albedo.is_none() && self.extinction.iter().all(|e| e * whole < FAINT) {
-            for c in 0..K {
-                let lost = chance((self.extinction[c] * whole).max(0.0));
-                stay.path[c] += fate.through[c] * (to - from) * (1.0 - 0.5 * lost);
-                stay.absorbed[c] += fate.collide(c, lost, 1.0);
-            }
-            return;
-        }
         let middle = 0.5 * (from + to);
         let half = column(&cell.density, middle) - before;
         for c in 0..K {
@@ -377,5 +387,19 @@ fn value(c: &[f64; 4], s: f64) -> f64 {
 /// Its integral from 0 to `s`.
 #[inline(always)]
 fn column(c: &[f64; 4], s: f64) -> f64 {
-    s * (c[0] + s * (c[1] * (1.0 / 2.0) + s * (c[2] * (1.0 / 3.0) + s * (c[3] * (1.0 / 4.0)))))
+    s * ((c[0] + s * (c[1] * (1.0 / 2.0))) + s * s * (c[2] * (1.0 / 3.0) + s * (c[3] * (1.0 / 4.0))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chances_are_those_of_an_exponential() {
+        for i in 0..400 {
+            let tau = 1e-9 * 1.06f64.powi(i);
+            let exact = -(-tau).exp_m1();
+            assert!((chance(tau) - exact).abs() < 1e-10 * exact, "{tau}: {} {exact}", chance(tau));
+        }
+    }
 }

@@ -8,7 +8,7 @@ use crate::physics::Phase;
 use crate::plan::Column;
 use crate::scene::environment::Map;
 use crate::scene::field::Occupancy;
-use crate::scene::{Albedo, Camera, Emission, Light, Medium, Spectrum, Volume};
+use crate::scene::{Albedo, Camera, Emission, Light, Medium, Scene, Spectrum, Volume};
 
 const N: [usize; 3] = [14, 11, 9];
 const H: [f64; 3] = [1.0, 1.2, 0.8];

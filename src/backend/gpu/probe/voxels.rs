@@ -3,8 +3,8 @@
 use super::super::lights::Lights;
 use super::super::scene::GpuScene;
 use super::{Bench, Inputs, Measured, Twin, about, drawn, formulas, relative, some_words};
+use crate::backend::cpu::collision_medium;
 use crate::backend::cpu::light::Illumination;
-use crate::backend::cpu::shoot;
 use crate::error::Result;
 use crate::physics::flight::{ball_range, box_range, mean_transmittance};
 use crate::physics::rng::uniform;
@@ -327,7 +327,7 @@ fn voxels_of<'a>(scene: &'a Scene) -> Vec<Twin<'a>> {
         Albedo::PerVoxel(values) if read => [Field::new(values, volume).one_read(i.p(), i.w[0]); 3],
         Albedo::PerVoxel(values) => [Field::new(values, volume).at(i.p()); 3],
     };
-    let at_points = shoot::Medium::new(scene);
+    let at_points = collision_medium::Medium::new(scene);
     twins.extend([
         Twin::new(albedo, "albedo_at", "return vec4(rgb(albedo_at(a.xyz)), 0.0);", inputs.clone())
             .single(8.0, move |i| about(1.0, value(i, false))),

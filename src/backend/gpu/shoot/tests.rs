@@ -8,7 +8,7 @@ use crate::backend::gpu::adapter;
 use crate::backend::gpu::device::for_tests;
 use crate::backend::gpu::kernel::span;
 use crate::backend::gpu::kernels;
-use crate::backend::run::{illuminations, light_grids};
+use crate::backend::views::{illuminations, light_grids};
 use crate::physics::Phase;
 use crate::plan::{Method, Settings, Simd, Tracker};
 use crate::result::EXIT_FACES;
