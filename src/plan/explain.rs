@@ -1,6 +1,6 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
-use super::{Column, Connection, Direct, Emission, LightPlan, Method, REPLICATES, Settings};
+use super::{Column, Connection, Direct, Emission, LightPlan, Method, REPLICATES, Rays, Settings};
 use crate::scene::medium::Emission as Glow;
 use crate::scene::{Camera, Light};
 
@@ -75,7 +75,11 @@ impl Explain {
     pub fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
         let name = light.name();
         let direct = match plan.direct {
-            Direct::Rays(lattice) => format!(
+            Direct::Rays(Rays { sparse: true, .. }) => format!(
+                "order 0 by {REPLICATES} light rays for each two or four cells of a plane, which find what it lacks of the \
+                 vacuum's"
+            ),
+            Direct::Rays(Rays { lattice, .. }) => format!(
                 "order 0 by {REPLICATES} x {} light rays for each cell of a plane, each exact along its way",
                 lattice.points()
             ),

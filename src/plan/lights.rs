@@ -19,7 +19,7 @@ pub enum Emission {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direct {
     /// By light rays through the whole box, each exact along its way: so many for each cell of a plane, [`REPLICATES`] times.
-    Rays(Lattice),
+    Rays(Rays),
     /// Exactly, along a pencil beam.
     Beam,
     /// By photons.
@@ -60,10 +60,21 @@ impl LightPlan {
     }
 }
 
+/// Light rays for the unscattered light in voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rays {
+    /// Those of each patch of a plane.
+    pub lattice: Lattice,
+    /// Whether patches are larger than cells, and rays find only by how much less light there is than in a vacuum.
+    pub sparse: bool,
+}
+
 /// Lattices of random shift that light rays are dealt out in; the scatter among these is the standard error of what they find.
 pub const REPLICATES: u64 = 8;
 /// Voxels that the light rays of small volumes cross, all together.
 const CROSSED: f64 = 2e6;
+/// Up to this optical depth of a voxel few rays tell how much less light there is in it than in a vacuum.
+const SPARSE_DEPTH: f64 = 1.0;
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
 const INTERPOLATION_ERROR: f64 = 0.005;
 /// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has
@@ -111,7 +122,9 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, (shoots, sees
             let rays = constant || !sees || interpolation_error > INTERPOLATION_ERROR;
             let fine_error = if rays && interpolates && sees { fine_error(scene, light) } else { 0.0 };
             let column = if rays { Column::Rays } else { Column::Grid };
-            let direct = Direct::Rays(Lattice::up_to(CROSSED / (REPLICATES as f64 * crossed(volume, light))));
+            let lattice = Lattice::up_to(CROSSED / (REPLICATES as f64 * crossed(volume, light)));
+            let sparse = lattice.points() == 1 && matches!(light, Light::Point { .. }) && depth <= SPARSE_DEPTH;
+            let direct = Direct::Rays(Rays { lattice, sparse });
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;
             LightPlan { emission, direct, column, interpolation_error, fine_error, interpolated_starts }
         }

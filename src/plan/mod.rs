@@ -18,7 +18,7 @@ mod tracker;
 pub use batches::LARGEST_BATCH;
 pub use explain::Decision;
 pub use layers::{Layer, Route};
-pub use lights::{Column, Direct, Emission, LightPlan, REPLICATES};
+pub use lights::{Column, Direct, Emission, LightPlan, REPLICATES, Rays};
 pub use majorant::{LEAST_SCORED_DEPTH, MajorantGrid, StepCosts};
 pub use path::{Connection, PathPlan};
 pub use settings::{Adapter, Angular, Method, Settings, Simd, Tracker};
