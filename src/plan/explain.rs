@@ -38,6 +38,14 @@ impl Explain {
         }
     }
 
+    pub fn scores(&mut self, least_depth: f64) {
+        self.push(
+            "scores",
+            format!("at collisions, the majorant being {least_depth:.3} per voxel at least"),
+            "the medium is homogeneous: steps of a photon do not grow with the number of voxels".into(),
+        );
+    }
+
     pub fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {
         let (choice, reason) = if emits && method == Method::Path {
             ("met by paths between their vertices", "seen directly it is integrated along view rays")
