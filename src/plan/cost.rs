@@ -1,6 +1,6 @@
 //! What a plan costs: bytes and seconds, estimated before anything runs.
 
-use super::lights::crossed;
+use super::lights::{crossed, work_in_voxels};
 use super::{Column, Direct, Emission, MajorantGrid, Plan, REPLICATES, Rays, Tracker};
 use crate::error::{Error, Result};
 use crate::scene::{Light, Scene};
@@ -258,7 +258,7 @@ pub fn seconds(plan: &Plan) -> f64 {
         .zip(&plan.scene.lights)
         .map(|(how, light)| match how.direct {
             Direct::Rays(Rays { lattice, sparse }) if plan.judges_fluence() => {
-                let all = (REPLICATES * lattice.points()) as f64 * crossed(volume, light);
+                let all = (REPLICATES * lattice.points()) as f64 * crossed(volume, light) * work_in_voxels(plan.scene);
                 if sparse { all / 3.0 } else { all }
             }
             _ => 0.0,
