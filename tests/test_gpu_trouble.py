@@ -13,7 +13,7 @@ import mcrt
 import numpy as np
 import pytest
 import random_scenes
-from conftest import interrupted
+from conftest import interrupted, processor_seconds
 from gpu_cases import CPU, GPU, SUN, assert_same_fates, bits, python, run
 from mcrt import _mcrt
 
@@ -215,9 +215,9 @@ def test_ctrl_c_interrupts_within_two_seconds(name):
 @pytest.mark.parametrize("name", ["photons", "paths"])
 def test_a_time_limit_ends_a_run_with_a_result(name):
     seen = []
-    start = time.perf_counter()
+    start = processor_seconds()
     result = run(**ENDLESS[name], time_limit=0.5, progress=lambda *report: seen.append(report))
-    assert time.perf_counter() - start < 5.0
+    assert processor_seconds() - start < 5.0  # 1 if kernels are compiled first
     assert result.stats.stopped_by == "time_limit"
     assert np.isfinite(result.image()).all()
     assert np.isfinite(result.image_error()).all()
