@@ -154,12 +154,14 @@ def density_at(density, spacing, points, linear):
         return density[tuple(np.moveaxis(index, -1, 0))]
     u = np.clip(u - 0.5, 0, top)
     low = np.minimum(np.floor(u).astype(int), np.maximum(top - 1, 0))
-    f = u - low
+    f = np.moveaxis(u - low, -1, 0)
+    weights = [(1 - one, one) for one in f]
+    high = np.minimum(low + 1, top)
+    places = [*zip(np.moveaxis(low, -1, 0), np.moveaxis(high, -1, 0), strict=True)]
     total = 0.0
-    for corner in np.ndindex(2, 2, 2):
-        index = np.minimum(low + corner, top)
-        weight = np.prod(np.where(corner, f, 1 - f), axis=-1)
-        total = total + weight * density[tuple(np.moveaxis(index, -1, 0))]
+    for i, j, k in np.ndindex(2, 2, 2):
+        weight = weights[0][i] * weights[1][j] * weights[2][k]
+        total = total + weight * density[places[0][i], places[1][j], places[2][k]]
     return total
 
 
