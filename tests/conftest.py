@@ -1,9 +1,9 @@
 """Shared set-up: the backends, libraries that need an environment, small runs that many tests read.
 
 Every test runs on the CPU and on the GPU, which any adapter will do for, also one that a processor
-plays. The mark `cpu_only` says why one does not. A processor that plays the GPU runs of each test
-the cases that hold a parameter's value not yet in one before; a real GPU runs all, and so does
-any adapter if MCRT_ALL_ON_GPU is set, as `make validate` does.
+plays. The mark `cpu_only` says why one does not. A processor that plays the GPU runs `sentinels`
+alone; a real GPU runs all, and so does any adapter if MCRT_ALL_ON_GPU is set, as `make validate`
+does.
 """
 
 import functools
@@ -22,6 +22,7 @@ if _LLVM:  # Dr.Jit aborts with LLVM 15 and 16, which it may find first
     os.environ.setdefault("DRJIT_LIBLLVM_PATH", _LLVM[0])
 
 import mcrt  # noqa: E402
+from sentinels import SENTINELS  # noqa: E402
 
 SHAPE, SPACING, ORIGIN = (4, 5, 6), (1.5, 1.0, 0.5), (10.0, -20.0, 30.0)
 EYE = (25.0, -5.0, 40.0)
@@ -132,15 +133,16 @@ def is_gpu(item):
     return hasattr(item, "callspec") and item.callspec.params.get("backend") == "gpu"
 
 
-def without_known_values(items):
-    """The cases of each test that hold no value of a parameter that was not in one before."""
-    seen = {}
+def no_sentinels(items):
+    """Other tests, and the cases of a sentinel that hold no parameter's value that is new."""
+    known = {}
     for item in items:
+        test = f"{item.path.name}::{item.originalname}"
         values = {(name, id(value)) for name, value in item.callspec.params.items()}
-        known = seen.setdefault(item.nodeid.partition("[")[0], set())
-        if known and values <= known:
+        if test not in SENTINELS or values <= known.setdefault(test, set()):
             yield item
-        known |= values
+        else:
+            known[test] |= values
 
 
 @pytest.hookimpl(trylast=True)
@@ -151,7 +153,7 @@ def pytest_collection_modifyitems(config, items):
     adapters = mcrt._mcrt.info()["adapters"]
     played = not adapters or adapters[0]["kind"] == "software"
     if played and not os.environ.get("MCRT_ALL_ON_GPU"):
-        left_out |= {*without_known_values(item for item in on_gpu if item not in left_out)}
+        left_out |= {*no_sentinels([item for item in on_gpu if item not in left_out])}
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = sorted((item for item in items if item not in left_out), key=is_gpu)
 
