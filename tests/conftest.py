@@ -36,6 +36,12 @@ def density(seed=0):
     return values
 
 
+def gappy(shape, seed):
+    """Random voxels of mean 0.7, three in ten of them void."""
+    rng = np.random.default_rng(seed)
+    return np.where(rng.random(shape) < 0.3, 0, rng.gamma(1.0, 1.0, shape)).astype(np.float32)
+
+
 def camera(eye=EYE, resolution=(14, 10)):
     return mcrt.PerspectiveCamera(eye, CENTRE, fov=25.0, resolution=resolution)
 

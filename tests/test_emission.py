@@ -13,6 +13,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import gappy
 
 SHAPE, SPACING = (4, 5, 6), (1.1, 0.6, 0.8)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]
@@ -21,9 +22,7 @@ INSIDE = truth.View((1.3, 0.9, 2.2), (3.9, 2.0, 1.1), (8, 6), fov=70)
 
 
 def cloud(seed=41):
-    """Random voxels, three in ten of them void."""
-    rng = np.random.default_rng(seed)
-    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+    return gappy(SHAPE, seed)
 
 
 def run(density, **arguments):
