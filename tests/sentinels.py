@@ -21,7 +21,7 @@ SENTINELS = {
     "test_energy.py::test_energy_of_each_light_adds_up",
     "test_energy.py::test_energy_of_each_channel_adds_up",
     "test_energy.py::test_capped_forward_scattering_truncates_the_poisson_tail",
-    "test_environment.py::test_white_furnace_of_a_map_is_uniform",
+    "test_environment.py::test_fluence_in_a_void_is_the_integral_of_the_map",
     "test_environment.py::test_light_of_an_axis_falls_on_its_face",
     "test_environment.py::test_a_camera_sees_the_map_where_it_looks",
     "test_environment.py::test_the_background_is_the_map_through_the_medium",
