@@ -1,8 +1,9 @@
 """What a GPU that a processor plays runs in CI, of the tests that all run on the CPU.
 
 A part of the shaders has at least one test here that fails where the part is wrong, by what it
-should be: a twin on the CPU is no witness of that. Of the cases of such a test those run that hold
-a value of a parameter not in one before. The twins are compared, scene by scene, in `test_gpu`.
+should be: a twin on the CPU is no witness of that. Of the cases of such a test those run that are
+named, or else those that hold a value of a parameter not in one before. The twins are compared,
+scene by scene, in `test_gpu`.
 A real GPU runs every test, and so does any adapter in `make validate`.
 """
 
@@ -10,7 +11,8 @@ SENTINELS = {
     # Photons: trackers, interpolation, phase functions, tallies; the gathering of images.
     "test_furnace.py::test_white_furnace_is_uniform",
     "test_furnace.py::test_white_furnace_radiance_is_one_along_every_ray",
-    "test_furnace.py::test_white_furnace_is_uniform_in_every_channel_of_a_chromatic_medium",
+    "test_furnace.py::test_white_furnace_is_uniform_in_every_channel_of_a_chromatic_medium[woodcock-hg0.8]",
+    "test_furnace.py::test_white_furnace_is_uniform_in_every_channel_of_a_chromatic_medium[march-rayleigh]",
     "test_trackers.py::test_collisions_in_layers_are_poisson_distributed",
     "test_trackers.py::test_light_is_followed_to_optical_depth_25",
     "test_slab.py::test_slab_reflects_and_transmits_as_adding_doubling",
@@ -43,9 +45,11 @@ SENTINELS = {
     "test_outline.py::test_edges_along_rows_and_columns_are_covered_exactly",
     "test_outline.py::test_boxes_smaller_than_a_pixel_are_seen",
     "test_outline.py::test_the_sky_is_seen_past_the_outline",
-    "test_angular.py::test_one_run_gives_the_images_of_runs_for_each_eye",
+    "test_angular.py::test_one_run_gives_the_images_of_runs_for_each_eye[rgb]",
+    "test_angular.py::test_one_run_gives_the_images_of_runs_for_each_eye[environment]",
     # Paths: the same, and lights near by, solids, and to go on where a run ended.
-    "test_path.py::test_slab_has_the_radiance_of_van_de_hulst",
+    "test_path.py::test_slab_has_the_radiance_of_van_de_hulst[woodcock linear]",
+    "test_path.py::test_slab_has_the_radiance_of_van_de_hulst[march]",
     "test_path.py::test_order_1_of_a_homogeneous_medium_is_its_quadrature",
     "test_path.py::test_order_1_of_voxels_is_their_quadrature",
     "test_path.py::test_each_channel_is_its_own_grey_run",

@@ -105,8 +105,13 @@ def assert_images(images, true, what):
     )
 
 
-@pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("phase", PHASES, ids=str)
+# Each is translated by itself: all phase functions seen by one camera, and one by all.
+SEEN = [(phase, "perspective") for phase in PHASES] + [
+    (TABLE, v) for v in VIEWS if v != "perspective"
+]
+
+
+@pytest.mark.parametrize(("phase", "view"), SEEN, ids=str)
 def test_phase_functions_and_cameras(phase, view):
     light = LIGHTS["point"]
     images = render(mcrt.interop.to_mitsuba(volume(), **arguments(light, view, phase=phase)))
