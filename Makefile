@@ -5,12 +5,15 @@ BIN := $(CURDIR)/$(VENV)/bin
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
 RUST := Cargo.toml pyproject.toml $(wildcard Cargo.lock) $(shell find src shaders -type f 2>/dev/null)
 
-# The extension module has a target folder of its own: cargo's features differ there.
-WITH_PYTHON := CARGO_TARGET_DIR=target/python PYO3_PYTHON=$(BIN)/python
+# In all that cargo is called for, lest pyo3 be compiled anew each time.
+WITH_PYTHON := PYO3_PYTHON=$(BIN)/python
 export PATH := $(PATH):$(HOME)/.cargo/bin
 
 # The comparisons with analytic truth and an independent code.
-TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular environment emission energy calibration voxel_bias path mitsuba interop mitsuba_pairs mitsuba_wrong)
+TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single trackers lanes angular \
+  environment emission energy absorbed unscattered tally order1 outline thick calibration voxel_bias \
+  path path_lights path_sky path_solids mitsuba mitsuba_pairs mitsuba_wrong mitsuba_stored interop \
+  api bad_input)
 
 .PHONY: help demo test test-rust test-python wheel bench validate fmt clean check-rust check-lint llvm vulkan
 .DELETE_ON_ERROR:
@@ -32,9 +35,8 @@ test: test-rust test-python
 
 test-rust: check-rust check-lint $(BIN)/python vulkan
 	cargo fmt --check
-	cargo clippy --all-targets -- -D warnings
-	$(WITH_PYTHON) cargo clippy --all-targets --features python -- -D warnings
-	cargo test --release
+	$(WITH_PYTHON) cargo clippy --release --all-targets --features python -- -D warnings
+	$(WITH_PYTHON) cargo test --release
 
 test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	$(BIN)/ruff check

@@ -12,6 +12,7 @@ import conftest  # noqa: F401
 import mcrt
 import numpy as np
 from covering import Table, subsets  # noqa: F401
+from mitsuba_stored import estimate
 from scipy import stats
 
 AXES = {
@@ -177,7 +178,7 @@ def block_means(image, times):
 
 
 def ours(case, more=1, wrong=lambda given: {}):
-    """Features (seeds, 10, channels) of ours, and the mean image; `wrong`: what replaces arguments.
+    """The estimate of our features, and the mean image; `wrong`: what replaces arguments.
 
     `single` and `photon` integrate a pixel from a few rays: their pixels are means of smaller ones.
     Order 1 is the same whatever the seed, unless the light is an environment.
@@ -223,7 +224,7 @@ def ours(case, more=1, wrong=lambda given: {}):
                 first = image(fine, 1)
             images.append(first + image(4, "2+"))
     images = np.stack(images)
-    return features(images), images.mean(0)
+    return estimate(features(images)), images.mean(0)
 
 
 REFINE = {"0.1": 3, "3": 3, "30": 5}  # voxels per voxel and axis, odd
@@ -278,27 +279,24 @@ def deviate(t, dof):
 
 
 def compare(case, ours, true):
-    """Welch's t of features (seeds, 10, channels), in units of the image's mean.
+    """Welch's t of two estimates of features (10, channels), in units of the image's mean.
 
     Blocks that few of Mitsuba's paths reach (deep shadow beside a light inside) have a skewed
     distribution, of which the seeds tell neither mean nor variance: those of a relative error above
     `RARE` are not compared.
     """
-    inside = case["light"] == "inside"
-    scale = true[:, :1].mean(0)
+    scale = true.mean[:1]
     means, parts, weights = [], [], []
-    for samples in (ours, true):
-        n = len(samples)
-        means.append(samples.mean(0) / scale)
-        part = samples.var(0, ddof=1) / n / scale**2 if n > 1 else np.zeros_like(means[-1])
-        parts.append(part)
-        weights.append(part**2 / max(n - 1, 1))
+    for side in (ours, true):
+        means.append(side.mean / scale)
+        parts.append(side.variance / scale**2)
+        weights.append(parts[-1] ** 2 / max(side.count - 1, 1))
     total = sum(parts)
     error = np.sqrt(total + ROUNDING**2)
     dof = np.divide(total**2, sum(weights), out=np.full_like(total, 1e6), where=total > 0)
     rare = parts[1] > (RARE * means[1]) ** 2
-    if inside:
-        rare |= true.max(0) == 0
+    if case["light"] == "inside":
+        rare |= true.mean == 0
     error[rare] = np.inf
     return Comparison(
         means[0] - means[1], error, dof, allowance(case) * np.maximum(means[1], FLOOR)

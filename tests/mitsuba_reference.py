@@ -1,11 +1,7 @@
-"""What Mitsuba 3 makes of the cases of `mitsuba_cases`, rendered once and kept."""
+"""What Mitsuba 3 makes of the cases of `mitsuba_cases`."""
 
-import hashlib
 import itertools
-import json
 import os
-import sys
-import time
 from pathlib import Path
 
 import conftest  # noqa: F401
@@ -15,6 +11,7 @@ import mitsuba as mi
 import mitsuba_cases as cases
 import numpy as np
 from mitsuba_film import film_emitter
+from mitsuba_stored import Job, digest, estimate
 
 
 def select_variant(rgb=True):
@@ -48,7 +45,7 @@ def rendered(case, spp, seeds):
 
     def images(scene):
         scene = mi.load_dict(scene)
-        renders = [np.array(mi.render(scene, spp=spp, seed=seed)) for seed in range(seeds)]
+        renders = [np.array(mi.render(scene, spp=spp, seed=seed)) for seed in seeds]
         return np.stack(renders).astype(float)
 
     parts = grey_parts(case)
@@ -86,7 +83,7 @@ def reciprocal(case, rays, seeds):
     medium = scene.shapes()[0].interior_medium()
     width, height = cases.RESOLUTION
     values = []
-    for seed in range(seeds):
+    for seed in seeds:
         blocks = []
         for top, bottom in itertools.pairwise(cases.BLOCKS[0]):
             for left, end in itertools.pairwise(cases.BLOCKS[1]):
@@ -126,55 +123,34 @@ def budget(case):
 CACHE = Path(__file__).parents[1] / "target" / "mitsuba-cache"
 
 
-def digest(value):
-    """Bytes that say what Mitsuba is given."""
-    if isinstance(value, dict):
-        return repr([(key, digest(value[key])) for key in sorted(value)])
-    if isinstance(value, mi.VolumeGrid | mi.Bitmap):
-        array = np.array(value)
-        return hashlib.sha256(array.tobytes() + repr(array.shape).encode()).hexdigest()
-    if isinstance(value, mi.ScalarTransform4f):
-        return repr(np.array(value.matrix).tolist())
-    return repr(value)
-
-
-def reference(case, more=1):
-    """Features (seeds, 10, channels) of Mitsuba, and its mean image (none for a light inside).
-
-    Kept in target/mitsuba-cache under a hash of the scene as Mitsuba gets it, of the budget and of
-    Mitsuba's version; the command that makes it anew is beside it.
-    """
+def job(case, more=1):
+    """Mitsuba's features (seeds, 10, channels) of the case, with so many times the samples."""
     select_variant()
     samples, seeds = budget(case)
-    inside = case["light"] == "inside"
     scenes = grey_parts(case) or [translated(case)]
-    parts = (*map(digest, scenes), more * samples, seeds, mi.__version__, mi.variant(), inside)
-    stem = CACHE / hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
-    if stem.with_suffix(".npz").exists():
-        with np.load(stem.with_suffix(".npz")) as file:
-            return file["features"], file["image"]
-    start = time.perf_counter()
-    if inside:
-        found, image = reciprocal(case, more * samples, seeds), np.zeros(0)
-    else:
-        images = rendered(case, more * samples, seeds)
-        found, image = cases.features(images), images.mean(0)
-    CACHE.mkdir(parents=True, exist_ok=True)
-    command = f"python {Path(__file__).name} {json.dumps(cases.name(case))} {more}"
-    about = {
-        "command": command,
-        "directory": "tests",
-        "mitsuba": mi.__version__,
-        "variant": mi.variant(),
-        "samples": more * samples,
-        "seeds": seeds,
-        "seconds": round(time.perf_counter() - start, 2),
-    }
-    stem.with_suffix(".json").write_text(json.dumps(about, indent=1))
-    np.savez(stem.with_suffix(".npz"), features=found, image=image)
-    return found, image
+    return Job(
+        f"{cases.name(case)}, {more}",
+        digest(scenes, more * samples, seeds, mi.__version__),
+        lambda first: render(case, more * samples, range(first, first + seeds))[0],
+    )
 
 
-if __name__ == "__main__":
-    wanted, more = sys.argv[1], int(sys.argv[2])
-    reference(dict(zip(cases.AXES, wanted.split(", "), strict=True)), more)
+def render(case, samples, seeds):
+    """Features (seeds, 10, channels) of Mitsuba, and its mean image (none for a light inside)."""
+    select_variant()
+    if case["light"] == "inside":
+        return reciprocal(case, samples, seeds), np.zeros(0)
+    images = rendered(case, samples, seeds)
+    return cases.features(images), images.mean(0)
+
+
+def reference(case, more):
+    """The estimate of Mitsuba's features, and its mean image; rendered once, kept in target/."""
+    path = CACHE / f"{job(case, more).scene}.npz"
+    if not path.exists():
+        samples, seeds = budget(case)
+        features, image = render(case, more * samples, range(seeds))
+        CACHE.mkdir(parents=True, exist_ok=True)
+        np.savez(path, features=features, image=image)
+    with np.load(path) as file:
+        return estimate(file["features"]), file["image"]

@@ -7,6 +7,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import gappy
 from scipy import stats
 from truth import Directional, Point, View
 
@@ -37,9 +38,7 @@ def run(volume, **options):
 
 
 def cloud(seed=41):
-    """Random voxels, three in ten of them void."""
-    rng = np.random.default_rng(seed)
-    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+    return gappy(SHAPE, seed)
 
 
 def smooth():

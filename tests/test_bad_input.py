@@ -1,5 +1,6 @@
 """A bad argument is an error that says what was given and where; nothing panics or gives NaN."""
 
+import os
 from collections import Counter
 from functools import partial
 
@@ -370,13 +371,17 @@ def made(value):
     return value() if isinstance(value, partial) else value
 
 
-def assert_finite(result, arguments):
+def assert_finite(result, arguments, voxels):
     outputs, arrays = ("image",), []
     if result.plan.method != "path":
-        arrays = [value for value in result.energy.values() if not isinstance(value, dict)]
+        known = [name for name in result.energy if name not in ("escaped", "error")]
+        arrays = [result.energy[name] for name in known]
+        # A single batch leaves the error unknown: infinite.
+        assert np.all(result.energy.error >= 0)
         arrays += list(result.energy.escaped.values())
         outputs = arguments.get("outputs") or ("fluence", "radiance", "image")
-    arrays += [getattr(result, name) for name in ("fluence", "radiance") if name in outputs]
+    if voxels:
+        arrays += [getattr(result, name) for name in ("fluence", "radiance") if name in outputs]
     if "image" in outputs and "camera" in arguments:
         arrays += [result.image(), result.image(order=0), result.alpha()]
     for array in arrays:
@@ -385,7 +390,8 @@ def assert_finite(result, arguments):
 
 @pytest.mark.cpu_only("random scenes run on both backends in test_gpu.py")
 def test_any_call_gives_a_finite_result_or_an_mcrt_error():
-    seen, count = Counter(), 900
+    everything = bool(os.environ.get("MCRT_ALL_ON_GPU"))
+    seen, count = Counter(), 2500 if everything else 900
 
     @settings(
         max_examples=count,
@@ -402,7 +408,8 @@ def test_any_call_gives_a_finite_result_or_an_mcrt_error():
         try:
             arguments = {name: made(value) for name, value in arguments.items()}
             result = mcrt.simulate(volume, **arguments)
-            assert_finite(result, arguments)
+            # Unscattered light of voxels takes longer than all else: every third result's.
+            assert_finite(result, arguments, voxels=everything or seen["result"] % 3 == 0)
             seen["result"] += 1
         except mcrt.McrtError:
             seen["error"] += 1

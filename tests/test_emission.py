@@ -13,6 +13,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import gappy
 
 SHAPE, SPACING = (4, 5, 6), (1.1, 0.6, 0.8)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]
@@ -21,9 +22,7 @@ INSIDE = truth.View((1.3, 0.9, 2.2), (3.9, 2.0, 1.1), (8, 6), fov=70)
 
 
 def cloud(seed=41):
-    """Random voxels, three in ten of them void."""
-    rng = np.random.default_rng(seed)
-    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+    return gappy(SHAPE, seed)
 
 
 def run(density, **arguments):
@@ -40,19 +39,21 @@ def run(density, **arguments):
 # ---------------------------------------------------------------- the emission-absorption integral
 
 
-def line_integral(density, emission, extinction, origin, direction, linear):
-    """The integral of emission * exp(-extinction * column) along one ray: two Gauss nodes in pieces
-    that are fine towards the front of each cell, since opaque cells shine from there."""
+def line_integrals(density, emission, extinctions, origin, direction, linear):
+    """The integrals of emission * exp(-extinction * column) along one ray, of each channel: two
+    Gauss nodes in pieces that are fine towards the front of each cell, since opaque cells shine
+    from there. Twice as many pieces change 1e-7 of it."""
     near, far = truth.box_interval(origin, direction, SIZE)
+    totals = np.zeros(len(extinctions))
     if far <= near:
-        return 0.0
+        return totals
     cuts = [near, far]
     for axis in range(3):
         n, h = SHAPE[2 - axis], SPACING[2 - axis]
         planes = (np.arange(n) + 0.5) * h if linear else np.arange(1, n) * h
         cuts += list((planes - origin[axis]) / direction[axis])
     cuts = np.unique(np.clip(cuts, near, far))
-    grid = np.union1d(np.geomspace(1e-9, 1, 600), np.linspace(0, 1, 200))
+    grid = np.union1d(np.geomspace(1e-9, 1, 300), np.linspace(0, 1, 100))
     t = np.concatenate([a + grid[:-1] * (b - a) for a, b in itertools.pairwise(cuts)] + [[far]])
     start, step = t[:-1], np.diff(t)
 
@@ -63,15 +64,12 @@ def line_integral(density, emission, extinction, origin, direction, linear):
     nodes = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))
     whole = sum(at(density, x) for x in nodes) / 2 * step
     before = np.cumsum(whole) - whole
-    return sum(
-        (
-            step
-            / 2
-            * at(emission, x)
-            * np.exp(-extinction * (before + x * step * at(density, x / 2)))
-        ).sum()
-        for x in nodes
-    )
+    for x in nodes:
+        column = before + x * step * at(density, x / 2)
+        shine = [step / 2 * at(field, x) for field in np.moveaxis(emission, -1, 0)]
+        for c, extinction in enumerate(extinctions):
+            totals[c] += (shine[c % len(shine)] * np.exp(-extinction * column)).sum()
+    return totals
 
 
 def pixels():
@@ -110,14 +108,11 @@ def test_the_image_is_the_line_integral(field, interpolation, channels, extincti
         outputs=("image",),
         photons=64,
     )
-    sigma = np.broadcast_to(extinction, 3)
+    sigma = np.broadcast_to(extinction, 3)[: 3 if np.size(extinction) + channels > 2 else 1]
     for view in pixels():
         origin, direction, _ = (np.squeeze(x) for x in view.rays())
         image = np.broadcast_to(result.image(view.camera())[0, 0], 3)
-        expected = [
-            line_integral(density, emission[..., c % channels], sigma[c], origin, direction, linear)
-            for c in range(3 if np.size(extinction) + channels > 2 else 1)
-        ]
+        expected = line_integrals(density, emission, sigma, origin, direction, linear)
         np.testing.assert_allclose(image[: len(expected)], expected, rtol=1e-4, atol=1e-9)
         layer = result.image(view.camera(), order="emission")
         assert np.array_equal(layer, result.image(view.camera()))

@@ -10,7 +10,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
-from conftest import cached
+from conftest import cached, gappy
 from scipy import stats
 
 SHAPE, SPACING = (5, 6, 7), (1.0, 0.5, 0.7)
@@ -22,8 +22,7 @@ SLANT = (-0.4, 0.5, -0.8)
 
 
 def cloud():
-    rng = np.random.default_rng(81)
-    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+    return gappy(SHAPE, 81)
 
 
 def run(density=None, photons=1e5, **options):

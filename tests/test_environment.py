@@ -9,6 +9,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
+from conftest import gappy
 
 SHAPE, SPACING = (3, 4, 5), (1.1, 0.6, 0.8)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]
@@ -27,8 +28,7 @@ def sky(height=8, width=12, channels=1, seed=0):
 
 
 def cloud():
-    rng = np.random.default_rng(41)
-    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+    return gappy(SHAPE, 41)
 
 
 def radiance(texels, d):

@@ -38,7 +38,7 @@ def passes(case):
         env=clean,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=240,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -12,7 +12,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
-from conftest import cached
+from conftest import cached, gappy
 
 SHAPE, SPACING = (4, 5, 6), (1.1, 0.6, 0.8)
 SIZE = np.multiply(SHAPE, SPACING)[::-1]
@@ -21,9 +21,8 @@ INSIDE = truth.View((1.3, 0.9, 2.2), (3.9, 2.0, 1.1), (8, 6), fov=70)
 
 
 def cloud():
-    """Random voxels, three in ten of them void: optical depths up to about 10."""
-    rng = np.random.default_rng(41)
-    return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
+    """Optical depths up to about 10."""
+    return gappy(SHAPE, 41)
 
 
 def tabulated():

@@ -13,7 +13,7 @@ import mcrt
 import numpy as np
 import pytest
 import random_scenes
-from conftest import interrupted
+from conftest import interrupted, processor_seconds
 from gpu_cases import CPU, GPU, SUN, assert_same_fates, bits, python, run
 from mcrt import _mcrt
 
@@ -165,8 +165,8 @@ class Breaker(Loser):
         self.break_it = lambda: _mcrt.fail_device(GPU, kind == "no memory")
 
 
-@pytest.mark.parametrize("kind", list(FAILURES)[:2])
-@pytest.mark.parametrize("name", LONG)
+# Each way to end a run, and each failure twice: what is kept does not depend on what failed.
+@pytest.mark.parametrize(("name", "kind"), [*zip(LONG, 2 * list(FAILURES)[:2], strict=True)])
 def test_a_run_whose_device_fails_keeps_what_it_has_and_goes_on_to_the_same_bits(name, kind):
     expected = bits(whole(name))
     error = failed(lambda: long_run(name, progress=Breaker(EARLY[name], kind)), kind)
@@ -215,9 +215,9 @@ def test_ctrl_c_interrupts_within_two_seconds(name):
 @pytest.mark.parametrize("name", ["photons", "paths"])
 def test_a_time_limit_ends_a_run_with_a_result(name):
     seen = []
-    start = time.perf_counter()
+    start = processor_seconds()
     result = run(**ENDLESS[name], time_limit=0.5, progress=lambda *report: seen.append(report))
-    assert time.perf_counter() - start < 5.0
+    assert processor_seconds() - start < 5.0  # 1 if kernels are compiled first
     assert result.stats.stopped_by == "time_limit"
     assert np.isfinite(result.image()).all()
     assert np.isfinite(result.image_error()).all()

@@ -8,6 +8,7 @@ import mitsuba_cases as suite
 import mitsuba_reference
 import numpy as np
 import pytest
+from mitsuba_stored import stored
 from test_mitsuba_pairs import LEVEL
 
 pytestmark = pytest.mark.cpu_only("how sharp the comparison is does not depend on the backend")
@@ -41,11 +42,23 @@ WRONG = {
 }
 
 
-def probability(method, values, wrong):
+def case_of(method, values):
     case = dict(zip(suite.AXES, (method, *values.split(", ")), strict=True))
-    if method == "single":
-        case["orders"] = "1"
-    true = mitsuba_reference.reference(case, MORE[values])[0]
+    return case | {"orders": "1"} if method == "single" else case
+
+
+def jobs():
+    """What Mitsuba renders for this file."""
+    return [
+        mitsuba_reference.job(case_of(method, values), more)
+        for method in METHODS
+        for values, more in MORE.items()
+    ]
+
+
+def probability(method, values, wrong):
+    case = case_of(method, values)
+    true = stored(mitsuba_reference.job(case, MORE[values]))
     return suite.compare(case, suite.ours(case, wrong=wrong)[0], true).p.min()
 
 

@@ -3,14 +3,21 @@
 False alarms: 1e-5 per assertion that compares samples, about 10 of them.
 """
 
-import time
-
 import comparing
 import mcrt
 import numpy as np
 import pytest
 import truth
-from conftest import CENTRE, ORIGIN, SHAPE, SPACING, camera, density, interrupted
+from conftest import (
+    CENTRE,
+    ORIGIN,
+    SHAPE,
+    SPACING,
+    camera,
+    density,
+    interrupted,
+    processor_seconds,
+)
 from path_cases import SIMDS
 
 LIGHT = mcrt.PointLight((30.0, -40.0, 50.0), 1e3)
@@ -229,9 +236,10 @@ def test_samples_imply_paths():
 
 
 def test_time_limit_stops_the_run():
-    start = time.perf_counter()
+    start = processor_seconds()
     result = run(spp=None, time_limit=0.3)
-    assert time.perf_counter() - start < 1.5
+    # Kernels that are compiled first are not counted in the limit.
+    assert processor_seconds() - start < 3.0
     assert result.stats.stopped_by == "time_limit"
     assert result.stats.spp >= 8
     assert np.isfinite(result.image_error()).all()
@@ -258,9 +266,7 @@ def test_progress_is_reported_and_rises():
 
 
 def test_progress_can_stop_the_run():
-    start = time.perf_counter()
     result = run(spp=1e9, progress=lambda fraction, info: False)
-    assert time.perf_counter() - start < 2.0
     assert result.stats.stopped_by == "progress"
     assert result.stats.spp >= 8
     reference = run(spp=4000, seed=1)
@@ -288,7 +294,7 @@ def test_an_exception_in_progress_comes_out():
     ids=["lanes", "endless", "scalar"],
 )
 def test_ctrl_c_interrupts_within_a_fifth_of_a_second(options):
-    assert interrupted(lambda: run(spp=1e9, **options), after=0.3) < 0.3
+    assert interrupted(lambda: run(spp=1e9, **options), after=0.3) < 0.2
 
 
 # ------------------------------------------------------------------------------------- edge cases

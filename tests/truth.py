@@ -5,6 +5,7 @@ points are `(x, y, z)`, arrays and spacings `(z, y, x)`. Boxes have their lower 
 origin.
 """
 
+import functools
 import itertools
 from dataclasses import dataclass
 
@@ -154,13 +155,14 @@ def density_at(density, spacing, points, linear):
         return density[tuple(np.moveaxis(index, -1, 0))]
     u = np.clip(u - 0.5, 0, top)
     low = np.minimum(np.floor(u).astype(int), np.maximum(top - 1, 0))
-    f = u - low
-    parts = [(1 - f[..., a], f[..., a]) for a in range(3)]
-    at = [(low[..., a], np.minimum(low[..., a] + 1, top[a])) for a in range(3)]
+    f = np.moveaxis(u - low, -1, 0)
+    weights = [(1 - one, one) for one in f]
+    high = np.minimum(low + 1, top)
+    places = [*zip(np.moveaxis(low, -1, 0), np.moveaxis(high, -1, 0), strict=True)]
     total = 0.0
-    for a, b, c in np.ndindex(2, 2, 2):
-        weight = parts[0][a] * parts[1][b] * parts[2][c]
-        total = total + weight * density[at[0][a], at[1][b], at[2][c]]
+    for i, j, k in np.ndindex(2, 2, 2):
+        weight = weights[0][i] * weights[1][j] * weights[2][k]
+        total = total + weight * density[places[0][i], places[1][j], places[2][k]]
     return total
 
 
@@ -476,13 +478,11 @@ def half_space_reflection(albedo, mu0):
     return 1 - np.sqrt(1 - albedo) * h_function(albedo, mu0)
 
 
-def infinite_fluence(r, c):
-    """Fluence per watt at r [mean free paths] of an isotropic point source, isotropic scattering of
-    albedo c (Case, de Hoffmann & Placzek 1953): one discrete mode, and an integral over exp(-r /
-    mu)."""
+@functools.cache
+def infinite_modes(c):
+    """Rate and weight of the discrete mode; rates beyond 1 and weights of the continuum."""
     kappa = optimize.brentq(lambda k: c * np.arctanh(k) / k - 1, 1e-9, 1 - 1e-15)
-    discrete = 2 * kappa**2 * (1 - kappa**2) / (c * (c - 1 + kappa**2)) * np.exp(-kappa * r)
-
+    discrete = 2 * kappa**2 * (1 - kappa**2) / (c * (c - 1 + kappa**2))
     # In v = 1/mu - 1 on [0, inf): int_0^1 g(mu) exp(-r/mu) / mu^2 dmu = exp(-r) int g exp(-r v) dv.
     x, w = np.polynomial.legendre.leggauss(400)
     s, w = (x + 1) / 2, w / 2
@@ -490,9 +490,17 @@ def infinite_fluence(r, c):
     mu = 1 / (1 + v)
     atanh = 0.5 * np.log((2 + v) / np.maximum(v, 1e-300))
     g = 1 / ((1 - c * mu * atanh) ** 2 + (np.pi * c * mu / 2) ** 2)
+    return kappa, discrete, v, g * dv
+
+
+def infinite_fluence(r, c):
+    """Fluence per watt at r [mean free paths] of an isotropic point source, isotropic scattering of
+    albedo c (Case, de Hoffmann & Placzek 1953): one discrete mode, and an integral over exp(-r /
+    mu)."""
+    kappa, discrete, v, weight = infinite_modes(c)
     r = np.asarray(r, float)
-    continuum = np.exp(-r) * (g * dv * np.exp(-r[..., None] * v)).sum(-1)
-    return (discrete + continuum) / (4 * np.pi * r)
+    continuum = np.exp(-r) * (weight * np.exp(-r[..., None] * v)).sum(-1)
+    return (discrete * np.exp(-kappa * r) + continuum) / (4 * np.pi * r)
 
 
 def infinite_absorbed(radius, c):
@@ -539,6 +547,10 @@ def ball_overlap(shape, h, centre, radius, sub=8):
 
 def within_ball(field, h, centre, radius):
     """Integral over a ball of a field given by voxel means, with central-difference slopes."""
+    low = [max(0, int((c - radius) / h) - 2) for c in centre[::-1]]
+    high = [int((c + radius) / h) + 3 for c in centre[::-1]]
+    field = field[tuple(map(slice, low, high))]  # the voxels that the ball reaches, and one more
+    centre = [c - n * h for c, n in zip(centre, low[::-1], strict=True)]
     share, moment = ball_overlap(field.shape, h, centre, radius)
     slope = np.stack(np.gradient(field, h))
     return ((field * share + (slope * moment).sum(0)).sum()) * h**3
