@@ -129,7 +129,7 @@ def test_extinction_of_each_channel_attenuates_that_channel():
     assert image.shape == (24, 32, 3)
     for c in range(3):
         true = truth.single_image(
-            FLAT, SIZE, extinction[c], albedo[c], truth.isotropic, BESIDE, sub=6
+            FLAT, SIZE, extinction[c], albedo[c], truth.isotropic, BESIDE, **QUADRATURE
         )
         assert_close(image[..., c], colour[c] * true)
 

@@ -109,8 +109,8 @@ def test_long_voxels_however_thick_hold_what_rays_leave(kind, interpolation):
             if name == "fluence" and interpolation == "linear" and depth > 30:
                 continue  # the truth's points hardly meet the thin layers that are lit
             found, what = grids[:, k, i], f"{name} at depth {depth}"
-            # Voxels that few of the truth's rays meet have no error that could be told: its rays are
-            # the truth's own, so that the code under test has no say in this.
+            # Voxels that few of the truth's rays meet have no error that could be told. They are
+            # the truth's own: the code under test has no say in this.
             mean = found.mean(0)
             met = (found > 0).all(0) & (stats.sem(found) < 0.1 * mean) & (mean > 1e-6 * mean.max())
             value, error = (getattr(result, n).astype(float)[met] for n in (name, name + "_error"))

@@ -1,6 +1,7 @@
 //! What the plan decides for each light: where its photons start, and how its unscattered light is found.
 
 use super::probe::{fine_error, interpolation_error};
+use super::settings::Settings;
 use crate::physics::lattice::Lattice;
 use crate::scene::{Light, Scene, Volume};
 
@@ -71,8 +72,9 @@ pub struct Rays {
 
 /// Lattices of random shift that light rays are dealt out in; the scatter among these is the standard error of what they find.
 pub const REPLICATES: u64 = 8;
-/// Voxels that the light rays of small volumes cross, all together.
-const CROSSED: f64 = 2e6;
+/// Voxels that the light rays of small volumes cross, all together: at least, at most, and for each photon.
+const CROSSED: [f64; 2] = [1e5, 2e6];
+const CROSSED_PER_PHOTON: f64 = 100.0;
 /// Up to this optical depth of a voxel few rays tell how much less light there is in it than in a vacuum.
 const SPARSE_DEPTH: f64 = 1.0;
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
@@ -83,9 +85,9 @@ const START_ERROR: f64 = 0.01;
 /// Above this optical depth per voxel photons start at the light, for first collisions fill a voxel unevenly.
 const FIRST_COLLISION_DEPTH: f64 = 1.0;
 
-/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked,
-/// `sees` whether there are pictures.
-pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, (shoots, sees): (bool, bool)) -> LightPlan {
+/// What happens with a light: `depth` is the largest optical depth of a voxel, `shoots` whether orders >= 1 are walked.
+pub(super) fn plan_light(scene: &Scene, settings: &Settings, light: &Light, depth: f64, shoots: bool) -> LightPlan {
+    let sees = settings.image;
     let volume = &scene.medium.volume;
     let at_light = if shoots { Emission::AtLight } else { Emission::Nothing };
     match light {
@@ -123,7 +125,11 @@ pub(super) fn plan_light(scene: &Scene, light: &Light, depth: f64, (shoots, sees
             let fine_error = if rays && interpolates && sees { fine_error(scene, light) } else { 0.0 };
             let column = if rays { Column::Rays } else { Column::Grid };
             let work = crossed(volume, light) * work_in_voxels(scene);
-            let lattice = Lattice::up_to(CROSSED / (REPLICATES as f64 * work));
+            // Few photons are noisier than any rays.
+            let photons = settings.photons.filter(|_| shoots).map_or(f64::INFINITY, |photons| photons as f64);
+            let lattice = Lattice::up_to(
+                CROSSED[1].min(CROSSED[0].max(CROSSED_PER_PHOTON * photons)) / (REPLICATES as f64 * work),
+            );
             let sparse = lattice.points() == 1 && matches!(light, Light::Point { .. }) && depth <= SPARSE_DEPTH;
             let direct = Direct::Rays(Rays { lattice, sparse });
             let interpolated_starts = !constant && interpolation_error <= START_ERROR;

@@ -169,7 +169,7 @@ impl<'a> Plan<'a> {
             paths = Some(path::plan(scene, settings, connections, &mut why));
             lights
         } else {
-            let plan = |light| lights::plan_light(scene, light, depth, (shoots_scattered, settings.image));
+            let plan = |light| lights::plan_light(scene, settings, light, depth, shoots_scattered);
             let lights: Vec<_> = scene.lights.iter().map(plan).collect();
             for (light, plan) in scene.lights.iter().zip(&lights) {
                 why.light(light, plan, depth);
