@@ -122,3 +122,14 @@ def test_another_eye_without_harmonics_is_an_error_that_names_them():
     result = run(mcrt.HenyeyGreenstein(0.3), camera=VIEWS[0], photons=1e4)
     with pytest.raises(mcrt.SceneError, match='angular="sh"'):
         result.image(VIEWS[1])
+
+
+@pytest.mark.parametrize("light", [SUN, mcrt.EnvironmentLight(1.0)], ids=["point", "environment"])
+def test_harmonics_of_rayleigh_are_what_the_eye_records(light):
+    """The same photons: of an eye far away both are sums of the same numbers, up to rounding."""
+    far = mcrt.OrthographicCamera((70, -30, 30), (12, 11, 10), width=24, resolution=(8, 8))
+    options = {"light": light, "camera": far, "photons": 3e4, "outputs": ("image",), "seed": 5}
+    one, own = (run(mcrt.Rayleigh(), angular=angular, **options) for angular in ("sh", "auto"))
+    for order in (1, "2+"):
+        value, true = one.image(order=order), own.image(order=order)
+        np.testing.assert_allclose(value, true, rtol=1e-3, atol=1e-4 * true.max())
