@@ -252,8 +252,8 @@ def arrays(result):
         if result._settings["errors"]:
             found["image_error"] = result.image_error()
     if not path:
-        for name in ("fluence", "radiance"):
-            if name in outputs and result._data.get(name) is not None:
+        for name, output in (("fluence",) * 2, ("radiance",) * 2, ("absorbed", "fluence")):
+            if output in outputs and result._data.get(output) is not None:
                 found[name] = getattr(result, name)
                 if result._settings["errors"]:
                     found[f"{name}_error"] = getattr(result, f"{name}_error")

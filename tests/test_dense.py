@@ -68,6 +68,8 @@ def test_a_dense_picture_of_photons_tells_its_bias(tau, mu0, albedo):
     noise = 3 * np.hypot(error, 0.01)
     assert said < FACTOR * bias + noise
     assert said > (bias - noise) / FACTOR or bias < VISIBLE + noise
+    if said and bias > VISIBLE + noise:
+        assert ("too dark" in " ".join(result.warnings)) == (value < true)
 
 
 @pytest.mark.parametrize(

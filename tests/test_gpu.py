@@ -151,7 +151,7 @@ def z_scores(kind, name):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["fluence", "radiance", "image"])
+@pytest.mark.parametrize("name", ["fluence", "radiance", "absorbed", "image"])
 def test_voxels_of_both_differ_by_students_t(name, kind):
     # Two errors of `dof` degrees of freedom, of equal size: 2 dof (Welch).
     z, dof = z_scores(kind, name)

@@ -356,7 +356,8 @@ MANY = {
 @LINUX
 @pytest.mark.parametrize("name", MANY)
 def test_memory_stays_what_it_was_over_many_runs(name):
-    # Mesa leaves what it compiles behind: 14 MB if all that photons need is compiled anew.
+    # Mesa leaves what it compiles behind: 14 MB if all that photons need is compiled anew, of the
+    # order of one for a kernel. Less than 0.1 is what allocators do.
     for _ in range(3):
         run(**MANY[name]).image()
     before = resident()
@@ -364,4 +365,4 @@ def test_memory_stays_what_it_was_over_many_runs(name):
         run(**MANY[name]).image()
     per_run = (resident() - before) / 10
     print(f"{per_run:.2f} MB a run")
-    assert per_run < 1.5
+    assert per_run < 0.4

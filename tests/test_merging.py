@@ -186,13 +186,19 @@ def test_a_run_whose_photons_met_nothing_counts_as_darkness():
     assert np.isfinite(merged.image()).all()
 
 
-def test_runs_without_photons_are_not_averaged():
-    deterministic = [run(method="single", photons=None, seed=seed) for seed in (0, 1)]
-    merged = deterministic[1] + deterministic[0]
-    np.testing.assert_array_equal(merged.fluence, deterministic[0].fluence)
-    np.testing.assert_array_equal(merged.image(), deterministic[0].image())
+def test_runs_without_photons_share_alike():
+    runs = [run(method="single", photons=None, seed=seed) for seed in (0, 1, 2)]
+    merged = (runs[1] + runs[0]) + runs[2]
+    for name in ("fluence", "fluence_error"):
+        values = np.array([getattr(r, name) for r in runs], float)
+        expected = values.mean(0) if name == "fluence" else np.sqrt((values**2).sum(0)) / 3
+        np.testing.assert_allclose(getattr(merged, name), expected, rtol=3e-7)
+    np.testing.assert_array_equal(merged.image(), runs[0].image())
     assert merged.stats.photons == 0
-    assert merged.stats.degrees_of_freedom == deterministic[0].stats.degrees_of_freedom
+    assert merged.stats.degrees_of_freedom == 3 * runs[0].stats.degrees_of_freedom
+
+
+def test_power_launched_is_that_of_one_run():
     for photons in (700, 4001, 12_345):
         assert (run() + run(seed=1, photons=photons)).energy.launched == run().energy.launched
 

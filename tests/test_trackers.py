@@ -367,3 +367,41 @@ def test_origin_far_away_loses_nothing():
     np.testing.assert_allclose(
         there.image(), here.image(), rtol=1e-4, atol=1e-6 * here.image().max()
     )
+
+
+def test_thin_chromatic_voxels_agree_with_each_channel_alone():
+    """Of 24 seeds, so that the spread of z-scores is seen too."""
+    extinction, shape = (0.1, 0.3, 0.5), (10, 12, 14)
+    box = {
+        "density": np.ones(shape, np.float32),
+        "spacing": 0.2,
+        "light": mcrt.EnvironmentLight(1.0),
+    }
+    runs = [
+        run(**box, photons=4e4, extinction=extinction, seed=seed, outputs=("fluence",))
+        for seed in range(24)
+    ]
+    assert runs[0].plan.tracker == "woodcock"
+    dof = comparing.dof(runs[0])
+    for c, sigma in enumerate(extinction):
+        grey = run(**box, photons=1e6, extinction=sigma, seed=99, outputs=("fluence",))
+        z = np.array(
+            [
+                comparing.z_scores(
+                    one.fluence[..., c],
+                    grey.fluence,
+                    one.fluence_error[..., c],
+                    grey.fluence_error,
+                    0,
+                )
+                for one in runs
+            ]
+        )
+        sample = (z**2).mean((1, 2, 3))
+        bound = comparing.limit(1, len(runs) - 1) * stats.sem(sample) + 0.1
+        assert abs(sample.mean() / (dof / (dof - 2)) - 1) < bound, (c, sample.mean())
+        mean = np.mean([one.fluence[..., c].mean(dtype=float) for one in runs])
+        error = stats.sem([one.fluence[..., c].mean(dtype=float) for one in runs])
+        comparing.assert_z(
+            mean, grey.fluence.mean(dtype=float), error, error / 4, dof=len(runs) - 1
+        )

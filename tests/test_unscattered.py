@@ -9,6 +9,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
+from scipy import stats
 
 DOF = 7
 VIEW = truth.View((40, -30, 25), (2, 2, 2), (4, 4), fov=30)
@@ -17,6 +18,16 @@ VIEW = truth.View((40, -30, 25), (2, 2, 2), (4, 4), fov=30)
 def run(density, **options):
     options = {"method": "single", "max_scatterings": 1, "outputs": ("fluence",)} | options
     return mcrt.simulate(np.asarray(density, np.float32), camera=VIEW.camera(), **options)
+
+
+def parallel(*direction):
+    """Parallel light for the truth, and for the package."""
+    return truth.Directional(direction, 2.0), mcrt.DirectionalLight(direction, 2.0)
+
+
+def point(*position):
+    """A point light likewise."""
+    return truth.Point(position, 300.0), mcrt.PointLight(position, 300.0)
 
 
 def mottled():
@@ -66,62 +77,70 @@ def test_layers_of_a_slab_under_a_low_sun_follow_beer_lambert():
         fluence = run(slab, extinction=1, albedo=0, interpolation="nearest", light=sun).fluence
         mean = fluence[::-1, :, :lit].mean((1, 2), dtype=float)[:layers]
         true = 2 * mu0 * -np.diff(np.exp(-np.arange(layers + 1) / mu0))
-        np.testing.assert_allclose(mean, true, rtol=0.002 if mu0 == 0.3 else 0.01)
+        np.testing.assert_allclose(mean, true, rtol=0.002)
+
+
+CALIBRATED = 60  # seeds
+GRIDS = 16  # of the truth's rays, whose scatter is its error
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
-@pytest.mark.parametrize("depth", [0.3, 5.0])
-@pytest.mark.parametrize("kind", ["sun", "low sun", "outside", "on a face"])
-def test_voxels_are_their_quadrature(kind, depth, interpolation):
+@pytest.mark.parametrize("kind", ["sun", "low sun", "outside", "inside", "on a face"])
+def test_long_voxels_however_thick_hold_what_rays_leave(kind, interpolation):
     rng = np.random.default_rng(5)
-    shape, spacing = (4, 5, 6), (1.0, 0.3, 2.0)
+    shape, spacing, depths = (3, 4, 5), (1.0, 0.2, 4.0), (1e-3, 1.0, 30.0, 1e3)
     density = np.where(rng.random(shape) < 0.3, 0, rng.random(shape)).astype(np.float32)
     size = np.multiply(shape, spacing)[::-1]
-    light = {
-        "sun": truth.Directional((-0.4, 0.5, -0.8), 2.0),
-        "low sun": truth.Directional((-1, 0.3, -0.02), 2.0),
-        "outside": truth.Point((14, -7, 16), 300.0),
-        "on a face": truth.Point((0.0, 0.7 * size[1], 0.4 * size[2]), 300.0),
+    light, api = {
+        "sun": parallel(-0.4, 0.5, -0.8),
+        "low sun": parallel(-1, 0.3, -0.02),
+        "outside": point(14, -7, 16),
+        "inside": point(*size * (0.53, 0.3, 0.45)),
+        "on a face": point(0.0, *size[1:] * (0.7, 0.4)),
     }[kind]
-    if isinstance(light, truth.Point):
-        api = mcrt.PointLight(light.position, light.intensity)
-    else:
-        api = mcrt.DirectionalLight(light.direction, light.irradiance)
-    result = run(
-        density,
-        spacing=spacing,
-        extinction=depth,
-        interpolation=interpolation,
-        light=api,
-        albedo=0.5,
-        seed=3,
-    )
-    sigma = depth * density.astype(float)
-    linear = interpolation == "linear"
-    coarse, fine = (
-        truth.fluence_of_order_0(light, sigma, spacing, linear, order=order) for order in (6, 9)
-    )
-    # The quadrature's own error, at edges of shadows within a voxel: both orders share some of it.
-    doubt = 3 * np.abs(fine - coarse) + 5e-3 * fine
-    scale = np.hypot(result.fluence_error, doubt)
-    z = (result.fluence - fine) / np.where(scale > 0, scale, 1)
-    bright = fine > 1e-12 * fine.max()
-    assert np.abs(z[bright]).max() < comparing.limit(bright.sum(), DOF)
-    assert np.sqrt(np.mean(z[bright] ** 2)) < 1.5
+    scene = (light, density.astype(float), spacing, interpolation == "linear", depths)
+    rays = 40 if interpolation == "nearest" else 20  # whose columns take 16 times as long
+    grids = np.array([truth.order_0_by_rays(*scene, rays, seed) for seed in range(GRIDS)])
+    options = {"spacing": spacing, "interpolation": interpolation, "albedo": 0.0, "light": api}
+    results = [run(density, extinction=depth, seed=3, **options) for depth in depths]
+    for k, name in enumerate(("fluence", "absorbed")):
+        for i, (depth, result) in enumerate(zip(depths, results, strict=True)):
+            if name == "fluence" and interpolation == "linear" and depth > 30:
+                continue  # the truth's points hardly meet the thin layers that are lit
+            found, what = grids[:, k, i], f"{name} at depth {depth}"
+            # Voxels that few of the truth's rays meet have no error that could be told: its rays are
+            # the truth's own, so that the code under test has no say in this.
+            mean = found.mean(0)
+            met = (found > 0).all(0) & (stats.sem(found) < 0.1 * mean) & (mean > 1e-6 * mean.max())
+            value, error = (getattr(result, n).astype(float)[met] for n in (name, name + "_error"))
+            true, noise = found.mean(0)[met], stats.sem(found)[met]
+            z = comparing.z_scores(value, true, error, noise)
+            sums = found.sum((1, 2, 3))
+            off, doubt = value.sum() / true.sum() - 1, stats.sem(sums) / sums.mean()
+            print(f"{what}: {met.sum()} voxels, errors {np.median(error / true):.1e} and")
+            print(f"{np.median(noise / true):.1e}, rms z {np.sqrt(np.mean(z**2)):.2f}; {off:.1e}")
+            # Welch and Satterthwaite, the least of all voxels.
+            dof = (error**2 + noise**2) ** 2 / (error**4 / DOF + noise**4 / (GRIDS - 1))
+            comparing.assert_z(value, true, error, noise, dof=dof.min(), what=what)
+            assert abs(off) < 0.002 + comparing.limit(1, GRIDS - 1) * doubt, what
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
 def test_error_bars_of_unscattered_light_are_calibrated():
     options = {"extinction": 30, "albedo": 0.6, "interpolation": "nearest"}
     light = mcrt.DirectionalLight((-0.4, 0.1, -1))
-    runs = [run(mottled(), light=light, seed=seed, **options) for seed in range(20)]
+    runs = [run(mottled(), light=light, seed=seed, **options) for seed in range(CALIBRATED)]
     values = np.array([r.fluence for r in runs], float)
     errors = np.array([r.fluence_error for r in runs], float)
     lit = values.mean(0) > 1e-3 * values.max()
-    spread, claimed = values.var(0, ddof=1)[lit].sum(), (errors**2).mean(0)[lit].sum()
-    assert claimed > 0
-    assert spread / claimed == pytest.approx(1, abs=0.15)
+    # Voxels share rays, seeds do not: what each seed is off, squared, and what it claims.
+    off = (values - values.mean(0))[:, lit] ** 2 * CALIBRATED / (CALIBRATED - 1)
+    claimed = (errors[:, lit] ** 2).sum(-1)
+    ratio = off.sum(-1) / claimed.mean() - claimed / claimed.mean()
+    print(f"variance over that claimed {1 + ratio.mean():.3f} +- {stats.sem(ratio):.3f}")
+    comparing.assert_mean(1 + ratio, 1.0)
+    assert stats.sem(ratio) < 0.06  # so that errors 20 % too small are seen
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
@@ -157,7 +176,6 @@ def test_one_voxel_in_a_void_absorbs_what_the_balance_says(extinction):
     assert balance == pytest.approx(true, rel=0.002)
 
 
-UNRESOLVED = pytest.mark.cpu_only("photons of a GPU start where single precision puts the light")
 PLACES = {
     "face": ((0.0, 1.3, 2.2), 1 / 2),
     "edge": ((0.0, 6.0, 2.2), 3 / 4),
@@ -167,9 +185,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("how", ["absorbing", "single", "photon"])
-@pytest.mark.parametrize(
-    "hair", [0.0, pytest.param(1e-9, marks=UNRESOLVED), pytest.param(-1e-9, marks=UNRESOLVED)]
-)
+@pytest.mark.parametrize("hair", [0.0, 1e-9, -1e-9])
 @pytest.mark.parametrize("place", PLACES)
 def test_a_point_light_on_the_box_sends_its_share_past_it(place, hair, how):
     position, missed = PLACES[place]
@@ -186,6 +202,6 @@ def test_a_point_light_on_the_box_sends_its_share_past_it(place, hair, how):
         **options,
     ).energy
     comparing.assert_balance(energy)
-    if hair <= 0:
-        noise = comparing.fraction_error(missed, 2e4)
-        comparing.assert_z(energy.missed, missed, np.hypot(noise, 1e-6))
+    missed = 0 if hair > 0 else missed
+    noise = comparing.fraction_error(missed, 2e4)
+    comparing.assert_z(energy.missed, missed, np.hypot(noise, 1e-6))

@@ -43,7 +43,10 @@ def merge(
     a, b = sorted((a, b), key=lambda result: min(result._seeds))
     x, y = a._whole(), b._whole()
     seeds = tuple(sorted(a._seeds + b._seeds))
-    weights = _weights(x["stats"]["photons"], y["stats"]["photons"])
+    counts = x["stats"]["photons"], y["stats"]["photons"]
+    if counts == (0, 0):  # light rays have noise without any photon
+        counts = len(a._seeds), len(b._seeds)
+    weights = counts[0] / sum(counts), counts[1] / sum(counts)
     data = {**x, "subvolumes": _subvolumes(weights, x.get("subvolumes"), y.get("subvolumes"))}
     for names, formula in ((MEANS, _mean), (SOURCES, _source), (ERRORS, _error)):
         for name in names:
@@ -58,7 +61,7 @@ def merge(
             name: (_error if name == "error" else _mean)(weights, value, y["energy"][name])
             for name, value in x["energy"].items()
         }
-    data["stats"] = _stats(weights, x["stats"], y["stats"])
+    data["stats"] = _stats(counts, x["stats"], y["stats"])
     data["plan"] = _plan(x["plan"], y["plan"], seeds)
     data["warnings"] = _union(x["warnings"], y["warnings"])
     return a._scene, a._settings, data, seeds
@@ -94,11 +97,6 @@ def _same(a: Any, b: Any) -> bool:
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(_same(a[name], b[name]) for name in a)
     return type(a) is type(b) and a == b
-
-
-def _weights(n: int, m: int) -> Weights:
-    """Shares of the photons; a deterministic result stands for both."""
-    return (n / (n + m), m / (n + m)) if n + m else (1.0, 0.0)
 
 
 def _merged(
@@ -181,19 +179,20 @@ def _folded(subvolumes: np.ndarray, k: int) -> np.ndarray:
     return out
 
 
-def _stats(weights: Weights, a: dict[str, Any], b: dict[str, Any]) -> dict[str, Any]:
+def _stats(counts: tuple[int, int], a: dict[str, Any], b: dict[str, Any]) -> dict[str, Any]:
     """Counts and seconds add up; degrees of freedom of voxels, and of paths' pixels, too.
 
     Pixels of photons have those of the smaller number of sub-volumes.
     """
     stats = {**a, **{name: a[name] + b[name] for name in COUNTS}}
     voxel, pixel = "degrees_of_freedom", "degrees_of_freedom_pixel"
-    stats[voxel] = _degrees(a["photons"], a[voxel], b["photons"], b[voxel])
+    n, m = counts
+    stats[voxel] = _degrees(n, a[voxel], m, b[voxel])
     if a.get("spp") is not None:
         stats["spp"] = a["spp"] + b["spp"]
-        stats[pixel] = _degrees(a["photons"], a[pixel], b["photons"], b[pixel])
-    elif 0.0 in weights:
-        stats[pixel] = (a if weights[0] else b)[pixel]
+        stats[pixel] = _degrees(n, a[pixel], m, b[pixel])
+    elif not (n and m):
+        stats[pixel] = (a if n else b)[pixel]
     else:
         stats[pixel] = min(a[pixel], b[pixel])
     stats["seconds"] = {
@@ -207,7 +206,7 @@ def _stats(weights: Weights, a: dict[str, Any], b: dict[str, Any]) -> dict[str, 
 def _degrees(n: int, nu: float, m: int, mu: float) -> float:
     """N^2 / (n^2 / nu + m^2 / mu), N = n + m: 0 where an error is unknown."""
     if not (n and m):
-        return nu if n or not m else mu
+        return nu if n else mu
     return (n + m) ** 2 / (n**2 / nu + m**2 / mu) if nu and mu else 0
 
 

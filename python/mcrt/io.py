@@ -1,7 +1,9 @@
 """Results to and from files: npz, OpenEXR, xarray."""
 
 import json
+import os
 import zipfile
+from contextlib import suppress
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,10 @@ FORMAT = "mcrt result 1"
 
 
 def save(result: "Result", path: str | PathLike[str]) -> None:
-    """Write a result to a NumPy archive: the arrays as they are, everything else as JSON."""
+    """Write a result to a NumPy archive: the arrays as they are, everything else as JSON.
+
+    What has the name is replaced once all is written.
+    """
     arrays: dict[str, Any] = {}
 
     def strip(value: Any, name: str) -> Any:
@@ -35,8 +40,15 @@ def save(result: "Result", path: str | PathLike[str]) -> None:
     parts = {"scene": result._scene, "settings": result._settings, "data": result._whole()}
     text = {name: strip(part, name) for name, part in parts.items()}
     text |= {"format": FORMAT, "seeds": list(result._seeds)}
-    with open(path, "wb") as file:
-        np.savez(file, json=np.array(json.dumps(text)), **arrays)
+    unfinished = f"{os.fspath(path)}.part"
+    try:
+        with open(unfinished, "wb") as file:
+            np.savez(file, json=np.array(json.dumps(text)), **arrays)
+        os.replace(unfinished, path)
+    except BaseException:
+        with suppress(OSError):
+            os.remove(unfinished)
+        raise
 
 
 def load(path: str | PathLike[str]) -> tuple[Any, Any, Any, tuple[int, ...]]:
@@ -57,11 +69,12 @@ def load(path: str | PathLike[str]) -> tuple[Any, Any, Any, tuple[int, ...]]:
                 return tuple(map(fill, value)) if isinstance(value, list) else value
 
             scene, settings, data = (fill(text[part]) for part in ("scene", "settings", "data"))
+            seeds = tuple(text["seeds"])
     except SceneError:
         raise
     except (zipfile.BadZipFile, KeyError, TypeError, AttributeError, EOFError, ValueError) as error:
         raise SceneError(f"{path} is not a result that save() wrote") from error
-    return scene, settings, data, tuple(text["seeds"])
+    return scene, settings, data, seeds
 
 
 def save_exr(result: "Result", path: str | PathLike[str], camera: "Camera | None" = None) -> None:

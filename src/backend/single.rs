@@ -3,8 +3,7 @@
 use super::Control;
 use super::cpu::unscattered::{Aim, Means, Wanted, coalbedo, cosine, means, over_beam};
 use crate::error::{Error, Result};
-use crate::physics::lattice::Lattice;
-use crate::plan::{Direct, Plan, REPLICATES};
+use crate::plan::{Direct, Plan, REPLICATES, Rays};
 use crate::scene::Light;
 use crate::scene::eye::LocalEye;
 use crate::tally::Moments;
@@ -48,9 +47,9 @@ pub fn single(plan: &Plan, control: &Control) -> Result<Single> {
     }
     for (at, (light, how)) in plan.scene.lights.iter().zip(&plan.lights).enumerate() {
         match (how.direct, light) {
-            (Direct::Rays(lattice), _) => {
+            (Direct::Rays(how), _) => {
                 let Some(aim) = Aim::new(&plan.scene.medium.volume, light) else { continue };
-                sum.add(plan, light, &rays(plan, (at, &aim), lattice, control)?);
+                sum.add(plan, light, &rays(plan, (at, &aim), how, control)?);
             }
             (Direct::Beam, Light::Pencil { position, direction, power }) => {
                 sum.add_beam(plan, *position, *direction, power.rgb);
@@ -62,7 +61,7 @@ pub fn single(plan: &Plan, control: &Control) -> Result<Single> {
 }
 
 /// The means of a light that rays find.
-fn rays(plan: &Plan, light: (usize, &Aim), lattice: Lattice, control: &Control) -> Result<Means> {
+fn rays(plan: &Plan, light: (usize, &Aim), how: Rays, control: &Control) -> Result<Means> {
     let (scene, seed) = (plan.scene, plan.settings.seed);
     let phase = &scene.medium.phase;
     let sends = plan.settings.radiance && plan.wants_source();
@@ -74,9 +73,9 @@ fn rays(plan: &Plan, light: (usize, &Aim), lattice: Lattice, control: &Control) 
         seen: by_direction.then(|| (phase, LocalEye::new(scene, &scene.camera))),
     };
     if scene.medium.is_chromatic() {
-        means::<3>(scene, light, lattice, seed, wanted, control)
+        means::<3>(scene, light, how, seed, wanted, control)
     } else {
-        means::<1>(scene, light, lattice, seed, wanted, control)
+        means::<1>(scene, light, how, seed, wanted, control)
     }
 }
 

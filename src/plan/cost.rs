@@ -1,7 +1,7 @@
 //! What a plan costs: bytes and seconds, estimated before anything runs.
 
-use super::lights::crossed;
-use super::{Column, Direct, Emission, MajorantGrid, Plan, REPLICATES, Tracker};
+use super::lights::{crossed, work_in_voxels};
+use super::{Column, Direct, Emission, MajorantGrid, Plan, REPLICATES, Rays, Tracker};
 use crate::error::{Error, Result};
 use crate::scene::{Light, Scene};
 
@@ -257,8 +257,9 @@ pub fn seconds(plan: &Plan) -> f64 {
         .iter()
         .zip(&plan.scene.lights)
         .map(|(how, light)| match how.direct {
-            Direct::Rays(lattice) if plan.judges_fluence() => {
-                (REPLICATES * lattice.points()) as f64 * crossed(volume, light)
+            Direct::Rays(Rays { lattice, sparse }) if plan.judges_fluence() => {
+                let all = (REPLICATES * lattice.points()) as f64 * crossed(volume, light) * work_in_voxels(plan.scene);
+                if sparse { all / 3.0 } else { all }
             }
             _ => 0.0,
         })

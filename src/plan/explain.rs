@@ -1,6 +1,6 @@
 //! Why a plan is as it is: its decisions, each with its reason and number.
 
-use super::{Column, Connection, Direct, Emission, LightPlan, Method, REPLICATES, Settings};
+use super::{Column, Connection, Direct, Emission, LightPlan, Method, REPLICATES, Rays, Settings};
 use crate::scene::medium::Emission as Glow;
 use crate::scene::{Camera, Light};
 
@@ -36,6 +36,14 @@ impl Explain {
             let reason = "the view is along the up that was given; this is the axis that it is least along";
             self.push("camera", format!("up is +{axis}"), reason.into());
         }
+    }
+
+    pub fn scores(&mut self, least_depth: f64) {
+        self.push(
+            "scores",
+            format!("at collisions, the majorant being {least_depth:.3} per voxel at least"),
+            "the medium is homogeneous: steps of a photon do not grow with the number of voxels".into(),
+        );
     }
 
     pub fn emission(&mut self, glow: &Glow, emits: bool, method: Method) {
@@ -75,7 +83,11 @@ impl Explain {
     pub fn light(&mut self, light: &Light, plan: &LightPlan, depth: f64) {
         let name = light.name();
         let direct = match plan.direct {
-            Direct::Rays(lattice) => format!(
+            Direct::Rays(Rays { sparse: true, .. }) => format!(
+                "order 0 by {REPLICATES} light rays for each two or four cells of a plane, which find what it lacks of the \
+                 vacuum's"
+            ),
+            Direct::Rays(Rays { lattice, .. }) => format!(
                 "order 0 by {REPLICATES} x {} light rays for each cell of a plane, each exact along its way",
                 lattice.points()
             ),

@@ -18,7 +18,7 @@ mod tracker;
 pub use batches::LARGEST_BATCH;
 pub use explain::Decision;
 pub use layers::{Layer, Route};
-pub use lights::{Column, Direct, Emission, LightPlan, REPLICATES};
+pub use lights::{Column, Direct, Emission, LightPlan, REPLICATES, Rays};
 pub use majorant::{LEAST_SCORED_DEPTH, MajorantGrid, StepCosts};
 pub use path::{Connection, PathPlan};
 pub use settings::{Adapter, Angular, Method, Settings, Simd, Tracker};
@@ -61,6 +61,9 @@ pub struct Plan<'a> {
     pub majorant: Option<MajorantGrid>,
     /// How flights score.
     pub score: Score,
+    /// The optical depth per voxel that the majorant has at least, where photons are walked one by one through a homogeneous
+    /// medium and score at tentative collisions in whatever voxels.
+    pub least_depth: Option<f64>,
     /// One entry per light.
     pub lights: Vec<LightPlan>,
     /// The tally layers that exist.
@@ -179,6 +182,13 @@ impl<'a> Plan<'a> {
         let lanes = refusal.is_none();
         let walk = if lanes { "in lanes" } else { "one by one" };
         why.push("walk", walk.into(), refusal.unwrap_or("photons take the same steps").into());
+        let least_depth = match tracker {
+            Tracker::Woodcock if !lanes && (settings.fluence || settings.radiance) => {
+                majorant::least_scored_depth(scene, settings, orders)
+            }
+            _ => None,
+        };
+        least_depth.iter().for_each(|&depth| why.scores(depth));
         let score = match tracker {
             Tracker::Woodcock => Score::Collisions,
             Tracker::March => Score::Track,
@@ -279,6 +289,7 @@ impl<'a> Plan<'a> {
             orders,
             majorant,
             score,
+            least_depth,
             lights,
             layers,
             harmonics,

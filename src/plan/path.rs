@@ -1,7 +1,7 @@
 //! How paths from the camera run: how many, from where, and how their vertices are connected to each light.
 
 use super::probe::{self, interpolation_error};
-use super::{Column, Direct, Emission, Explain, LightPlan, Settings};
+use super::{Column, Direct, Emission, Explain, LightPlan, Rays, Settings};
 use crate::error::{Result, scene_error};
 use crate::physics::lattice::Lattice;
 use crate::scene::{Light, Scene};
@@ -89,7 +89,7 @@ pub(super) fn plan_light(scene: &Scene, settings: &Settings, light: &Light) -> R
     let volume = &scene.medium.volume;
     let none = |column, interpolation_error| LightPlan {
         emission: Emission::Nothing,
-        direct: Direct::Rays(Lattice::of(1.0)),
+        direct: Direct::Rays(Rays { lattice: Lattice::of(1.0), sparse: false }),
         column,
         interpolation_error,
         fine_error: 0.0,

@@ -33,6 +33,20 @@ def scene(volume, depth=6.0, **options):
     return arguments | options
 
 
+def unequal(finer):
+    """The same box, whatever voxels it is cut into, of which the fluence is asked for."""
+    return {
+        "volume": np.ones((16 * finer, 24 * finer, 20 * finer), np.float32),
+        "spacing": 1.0 / finer,
+        "extinction": (0.3, 0.4, 0.5),
+        "light": mcrt.EnvironmentLight(1.0),
+        "method": "photon",
+        "photons": 20 * PHOTONS,
+        "outputs": ("fluence",),
+        "progress": False,
+    }
+
+
 def pair(name, special, general):
     """A row: how many times longer the general case takes."""
     runs = [[timed(mcrt.simulate, **case)[1] for case in (special, general)] for _ in range(3)]
@@ -66,6 +80,11 @@ def run(large=False):
         "RGB of equal extinction, against almost equal",
         scene(cloud, albedo=(0.9, 0.9, 0.9)),
         scene(cloud, albedo=(0.9, 0.9, 0.9), extinction=nearly),
+    )
+    pair(
+        "homogeneous RGB of unequal extinction, against 4 times as many voxels an axis (up to 1.5)",
+        unequal(1),
+        unequal(4),
     )
     pair("nearest, against linear", scene(cloud, interpolation="nearest"), scene(cloud))
     outputs = ("fluence", "radiance", "image")

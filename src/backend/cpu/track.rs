@@ -120,7 +120,7 @@ fn score_track<const C: usize, S: Scorer<C>>(
 pub struct Woodcock<'a, const CHROMATIC: bool> {
     /// The density.
     pub field: Field<'a>,
-    /// Majorants, already times the largest extinction and rounded up.
+    /// Majorants, already times the largest extinction and rounded up; high enough for the voxels' scores.
     pub majorant: Vec<f32>,
     /// Cells along x, y, z.
     pub cells: [i32; 3],
@@ -162,13 +162,15 @@ impl<'a, const CHROMATIC: bool> Woodcock<'a, CHROMATIC> {
                     _ if plan.layers.is_empty() => CellScore::Nothing,
                     Some(near) if near[cell] == 0.0 => CellScore::Nothing,
                     Some(_) if depth > 0.0 => CellScore::Collisions,
-                    None if depth >= LEAST_SCORED_DEPTH => CellScore::Collisions,
+                    None if depth >= LEAST_SCORED_DEPTH || plan.least_depth.is_some() => CellScore::Collisions,
                     _ => CellScore::Track,
                 }
             })
             .collect();
         let top = extinction.iter().fold(0.0f64, |m, &e| m.max(e));
-        let majorant = grid.density.iter().map(|&d| (f64::from(d) * top * (1.0 + 1e-6)) as f32).collect();
+        let least = plan.least_depth.map_or(0.0, |depth| depth / h);
+        let majorant = |&density: &f32| ((f64::from(density) * top).max(least) * (1.0 + 1e-6)) as f32;
+        let majorant = grid.density.iter().map(majorant).collect();
         Woodcock {
             field,
             majorant,
@@ -188,6 +190,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
         let mut cells = Dda::new(p.map(|c| c * scale), v.map(|c| c * scale), [0; 3], self.cells);
         // The last cells may reach over the box.
         let (face, end) = self.field.leave(p, v);
+        let constant = self.field.constant();
         let mut words = draws.next4();
         let mut free = exponential(words[0], draws);
         let mut t = 0.0f32;
@@ -218,7 +221,7 @@ impl<const C: usize, const CHROMATIC: bool> Tracker<C> for Woodcock<'_, CHROMATI
                         let high = ((c[a] + 1) * self.block).min(self.field.n()[a]) as f32;
                         (p[a] + v[a] * t).clamp(low, high * (1.0 - 6e-8))
                     });
-                    let density = self.field.one_read(at, words[1]);
+                    let density = constant.unwrap_or_else(|| self.field.one_read(at, words[1]));
                     if score == CellScore::Collisions {
                         let voxel = self.field.index(at.map(|x| x as i32));
                         let value = w.get().map(|x| x * inverse);
@@ -404,4 +407,61 @@ pub fn enter(p: [f64; 3], v: [f64; 3], n: [i32; 3]) -> Option<(f64, f64)> {
     let (t0, t1) = box_range(p, v, n.map(f64::from))?;
     let t0 = t0.max(0.0);
     (t1 > t0).then_some((t0, t1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::frame::sphere;
+    use crate::plan::{Method, Settings};
+    use crate::scene::{Albedo, Camera, Medium, Scene, Spectrum, Volume};
+
+    /// Counts scores.
+    struct Count(u32);
+
+    impl Scorer<3> for Count {
+        fn score(&mut self, _: usize, _: V3, _: [f32; 3], _: f32) {
+            self.0 += 1;
+        }
+
+        fn absorbs(&self) -> bool {
+            false
+        }
+
+        fn absorb(&mut self, _: usize, _: V3, _: f32, _: [f32; 3], _: f32) {}
+    }
+
+    /// Scores of some flights through a box in voxels `finer` than 16 along x.
+    fn scores(finer: usize, photons: u64) -> f64 {
+        let n = [16, 24, 20].map(|n| n * finer);
+        let density = vec![1.0; n.iter().product()];
+        let volume = Volume::new(&density, n, [1.0 / (16 * finer) as f64; 3], [0.0; 3], false).expect("valid");
+        let spectrum = |v: &[f64]| Spectrum::new(v, "value").expect("valid");
+        let phase = crate::physics::Phase::Isotropic;
+        let medium = Medium::new(volume, spectrum(&[3.0, 4.0, 5.0]), Albedo::Constant(spectrum(&[0.9])), phase);
+        let camera = Camera::perspective([3.0, -3.0, 2.0], [0.5; 3], [0.0, 0.0, 1.0], 20.0, [9, 9]).expect("valid");
+        let light = crate::scene::Light::environment(&[1.0]).expect("valid");
+        let scene = Scene::new(medium.expect("valid"), vec![light], camera);
+        let method = Some(Method::Photon);
+        let settings = Settings { method, photons: Some(photons), fluence: true, image: false, ..Settings::default() };
+        let plan = Plan::new(&scene, &settings).expect("it can be planned");
+        let tracker = Woodcock::<true>::new(&plan, plan.majorant.as_ref().expect("it has one"));
+        let mut count = Count(0);
+        for photon in 0..2000 {
+            let mut draws = Draws::new([7, 0], photon, 0);
+            let words = draws.next4();
+            let v = sphere(uniform(words[0]), uniform(words[1])).map(|c| c * (16 * finer) as f32);
+            let mut weights = Weights::new([1.0; 3], words[2]);
+            tracker.fly(n.map(|n| 0.5 * n as f32), v, &mut weights, &mut draws, &mut count);
+        }
+        f64::from(count.0)
+    }
+
+    #[test]
+    fn scores_of_a_flight_do_not_grow_with_the_number_of_voxels() {
+        let [coarse, fine, few] = [(1, 20_000_000), (4, 20_000_000), (4, 20_000)].map(|(f, n)| scores(f, n));
+        assert!(fine < 1.2 * coarse, "{coarse} scores, {fine} in fine voxels");
+        // Few photons need more of them.
+        assert!(few > 2.0 * fine, "{few} scores of few photons, {fine} of many");
+    }
 }

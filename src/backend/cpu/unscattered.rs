@@ -6,61 +6,26 @@
 
 mod aim;
 mod tally;
+mod vacuum;
+mod voxels;
 mod walk;
 
-use crate::backend::Control;
-use crate::error::{Error, Result};
-use crate::physics::Phase;
-use crate::physics::lattice::Lattice;
 use crate::physics::rng::{split, uniform64, words};
 use crate::plan::REPLICATES;
-use crate::scene::eye::LocalEye;
 use crate::scene::field::V3;
 use crate::scene::{Albedo, Scene};
-use crate::tally::Moments;
 use rayon::prelude::*;
-use tally::{Set, Sums, Units, WHOLE, exponent, power_of_2};
+use walk::DARK;
 
 pub use aim::Aim;
-pub use walk::{Fate, Matter, Stay, Way};
+pub use voxels::{Means, Wanted, means};
+pub use walk::{Fate, Matter, Way};
 
 /// The purpose of the random numbers that shift them.
 const SHIFT: u32 = 10;
 /// Voxels that the rays of an energy balance may cross, all together: where photons sample all but what passes unscattered,
 /// and where nothing else says what collides.
 const CROSSED: [f64; 2] = [3e4, 2e5];
-
-/// What of a light's means over voxels is wanted.
-#[derive(Clone, Copy, Default)]
-pub struct Wanted<'a> {
-    /// The fluence.
-    pub fluence: bool,
-    /// What is absorbed, where the albedo is constant all that collides.
-    pub absorbed: bool,
-    /// The fluence weighted by the phase function of its direction and that to an eye.
-    pub seen: Option<(&'a Phase, LocalEye)>,
-}
-
-/// Means over voxels by extinction, and their spread, for a light of value 1; those that were wanted. Each voxel has a unit
-/// of its own, so that no light is too weak for single precision.
-pub struct Means {
-    /// The fluence.
-    pub fluence: Option<Moments>,
-    /// Absorbed power density.
-    pub absorbed: Option<Moments>,
-    /// The fluence weighted by the phase function.
-    pub seen: Option<Moments>,
-    units: Units,
-    scales: [f64; 3],
-}
-
-impl Means {
-    /// The units that the three are given in, in a voxel.
-    pub fn units(&self, cell: [usize; 3]) -> [f64; 3] {
-        let unit = power_of_2(WHOLE) / self.units.of(cell.map(|c| c as i32));
-        self.scales.map(|scale| unit / scale)
-    }
-}
 
 /// Where the light that the box receives of a light of value 1 goes, by channel.
 #[derive(Debug, Clone, Copy, Default)]
@@ -75,95 +40,10 @@ pub struct Balance {
     pub scattered: [f64; 3],
 }
 
-/// The shift of a replicate's lattice: one for the energy balance, one for the voxels.
+/// The shift of a replicate's lattice, or of one more: one for the energy balance, one for the voxels.
 fn shift(seed: u64, light: usize, replicate: u64, voxels: bool) -> [f64; 2] {
-    let words = words(split(seed), split(light as u64 * REPLICATES + replicate), u32::from(voxels), SHIFT);
+    let words = words(split(seed), split(light as u64 * (REPLICATES + 1) + replicate), u32::from(voxels), SHIFT);
     [uniform64(words[0]), uniform64(words[1])]
-}
-
-/// What a light leaves in the voxels, by rays of a lattice in each cell of a plane.
-pub fn means<const K: usize>(
-    scene: &Scene,
-    (light, aim): (usize, &Aim),
-    lattice: Lattice,
-    seed: u64,
-    wanted: Wanted,
-    control: &Control,
-) -> Result<Means> {
-    let volume = &scene.medium.volume;
-    let matter = Matter::<K>::new(scene);
-    let values = volume.voxels() * K;
-    let h = volume.spacing();
-    let units = Units::new(volume, aim.source);
-    // Of light that fluence bounds, a voxel absorbs and sends to the eye at most so much.
-    let absorbing = scene.medium.max_sigma_t().min(h.iter().map(|h| 1.0 / h).sum()).max(1e-300);
-    let sent = wanted.seen.map_or(1.0, |(phase, _)| brightest(phase));
-    let scales = [1.0, absorbing, sent].map(|most| power_of_2(-exponent(most) - 1));
-    let exists = [wanted.fluence, wanted.absorbed, wanted.seen.is_some()];
-    let tallies = exists.iter().filter(|&&exists| exists).count();
-    let sums = exists.map(|exists| exists.then(|| Sums::new(values, tallies)));
-    let mut moments = exists.map(|exists| exists.then(|| Moments::new(values)));
-    let (rows, per_volume) = (aim.rows(), 1.0 / volume.voxel_volume());
-    let n = volume.n();
-    let single = h.map(|h| h as f32);
-    for replicate in 0..REPLICATES {
-        let shift = shift(seed, light, replicate, true);
-        rows.par_iter().for_each(|row| {
-            if control.stopped() {
-                return;
-            }
-            let sets = [0, 1, 2].map(|tally: usize| sums[tally].as_ref().map(Sums::set));
-            aim.over_row(row, lattice, shift, &mut |way: &Way, flux: f64| {
-                // A single cell next to a light may have many rays.
-                if control.stopped() {
-                    return;
-                }
-                let flux = flux * per_volume;
-                let direction: V3 = std::array::from_fn(|a| (way.v[a] * h[a]) as f32);
-                matter.walk(way, |cell, stay| {
-                    let at = (cell[2] as usize * n[1] + cell[1] as usize) * n[0] + cell[0] as usize;
-                    let scale = flux * units.of(cell);
-                    let add = |set: &Set, values: &[f64; K], scale: f64| {
-                        (0..K).for_each(|c| set.add(at * K + c, values[c] * scale));
-                    };
-                    if let Some(set) = &sets[0] {
-                        add(set, &stay.path, scale * scales[0]);
-                    }
-                    if let Some(set) = &sets[1] {
-                        add(set, &stay.absorbed, scale * scales[1]);
-                    }
-                    if let (Some(sums), Some((phase, eye))) = (&sets[2], &wanted.seen) {
-                        let toward = eye.from(cell.map(|c| c as f32 + 0.5), single);
-                        add(sums, &stay.path, scale * scales[2] * f64::from(phase.pdf(cosine(toward, direction))));
-                    }
-                });
-            });
-        });
-        if control.stopped() {
-            return Err(Error::Interrupted);
-        }
-        for (sums, moments) in sums.iter().zip(&mut moments) {
-            let (Some(sums), Some(moments)) = (sums, moments) else { continue };
-            sums.check()?;
-            let row = n[0] * K;
-            let parts = moments.mean.par_chunks_mut(row).zip(moments.m2.par_chunks_mut(row)).enumerate();
-            parts.for_each_init(
-                || vec![0.0; row],
-                |found, (at, (mean, m2))| {
-                    sums.take(at * row, found);
-                    found.iter_mut().for_each(|value| *value *= power_of_2(-WHOLE));
-                    Moments::update(mean, m2, replicate + 1, found);
-                },
-            );
-        }
-    }
-    let [fluence, absorbed, seen] = moments;
-    Ok(Means { fluence, absorbed, seen, units, scales })
-}
-
-/// About the largest value of a phase function.
-fn brightest(phase: &Phase) -> f64 {
-    (0..=256).map(|i| f64::from(phase.pdf(i as f32 / 128.0 - 1.0))).fold(0.0, f64::max)
 }
 
 /// Where the light that the box receives of a light of value 1 goes, `quiet` if nothing else says what collides of it.
@@ -259,7 +139,7 @@ pub fn over_beam(
 
 fn over_way<const K: usize>(scene: &Scene, way: &Way, mut leave: impl FnMut([usize; 3], [f64; 3], [f64; 3])) {
     let coalbedo = coalbedo(scene);
-    Matter::<K>::new(scene).walk(way, |cell, stay| {
+    Matter::<K>::new(scene).walk(way, DARK, |cell, stay| {
         let absorbed = std::array::from_fn(|c| stay.absorbed[c % K] * coalbedo[c]);
         leave(cell.map(|c| c as usize), std::array::from_fn(|c| stay.path[c % K]), absorbed);
     });

@@ -1,7 +1,7 @@
 //! Flights on the GPU: the shader files that a plan's need, and what these read.
 
 use crate::backend::cpu::course::Course;
-use crate::backend::cpu::track::Woodcock;
+use crate::backend::cpu::track::{CellScore, Woodcock};
 use crate::plan::{Plan, Score, Tracker};
 
 /// Steps of a flight before it pauses.
@@ -67,7 +67,7 @@ impl Track {
             free_path: 0.0,
             iterations: STEPS * (1 + score) + 16,
         };
-        // A flight may score in every voxel that it crosses.
+        // A flight may score in every voxel that it crosses, where it scores along its way.
         let line = if scores { volume.n().iter().sum::<usize>() as u32 * (1 + score) } else { 0 };
         match (plan.tracker, &plan.majorant) {
             (Tracker::Woodcock, Some(grid)) => {
@@ -76,7 +76,7 @@ impl Track {
                 track.scores = tracker.score.iter().map(|&score| score as u32).collect();
                 track.majorants = tracker.majorant;
                 (track.block, track.cells) = (tracker.block, tracker.cells);
-                track.iterations += line;
+                track.iterations += if tracker.score.contains(&CellScore::Track) { line } else { 0 };
             }
             (Tracker::Analytic, _) => {
                 track.files.push("tracker_analytic");

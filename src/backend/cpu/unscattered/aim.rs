@@ -116,12 +116,13 @@ impl Aim {
         }
     }
 
-    /// The rows of cells that rays for the voxels are aimed at.
-    pub fn rows(&self) -> Vec<Row> {
+    /// The rows of patches that rays for the voxels are aimed at. A patch is a cell of a plane; if `sparse`, those of a point
+    /// light are as large as leaves about half a ray for each voxel at the plane.
+    pub fn rows(&self, sparse: bool) -> Vec<Row> {
         let mut rows = Vec::new();
-        let mut add = |axis: usize, plane: f64, [u0, u1]: [f64; 2], [v0, v1]: [f64; 2]| {
+        let mut add = |axis: usize, plane: f64, [u0, u1]: [f64; 2], [v0, v1]: [f64; 2], size: [i64; 2]| {
             let (u, v) = ([u0.floor() as i64, u1.ceil() as i64], [v0.floor() as i64, v1.ceil() as i64]);
-            rows.extend((v[0]..v[1]).map(|at| Row { axis, plane, cells: u, at }));
+            rows.extend((v[0]..v[1]).step_by(size[1] as usize).map(|at| Row { axis, plane, cells: u, at, size }));
         };
         match self.source {
             Source::Parallel(_) => {
@@ -131,16 +132,25 @@ impl Aim {
                     let shadow = -slope * self.n[axis];
                     [shadow.min(0.0), self.n[a] + shadow.max(0.0)]
                 };
-                add(axis, 0.0, range(u, slopes[0]), range(v, slopes[1]));
+                add(axis, 0.0, range(u, slopes[0]), range(v, slopes[1]), [1, 1]);
             }
-            Source::Point(_) => {
+            Source::Point(p) => {
                 for (axis, plane, _) in self.faces() {
                     let [u, v] = beside(axis);
-                    add(axis, plane, [0.0, self.n[u]], [0.0, self.n[v]]);
+                    let size = if sparse { self.spread(p, axis, plane) } else { [1, 1] };
+                    add(axis, plane, [0.0, self.n[u]], [0.0, self.n[v]], size);
                 }
             }
         }
         rows
+    }
+
+    /// How many cells of a face are a patch: a ray for each cell crosses at least so many voxels per layer of voxels as where
+    /// it meets the face at the steepest.
+    fn spread(&self, p: [f64; 3], axis: usize, plane: f64) -> [i64; 2] {
+        let aside = |a: usize| (p[a].clamp(0.0, self.n[a]) - p[a]).abs();
+        let crossed = 1.0 + beside(axis).map(aside).iter().sum::<f64>() / (plane - p[axis]).abs();
+        if crossed > 1.7 { [2, 2] } else { [2, 1] }
     }
 
     /// Of parallel light the axis along which it crosses most voxels, and the voxels that it moves along the next two
@@ -152,37 +162,44 @@ impl Aim {
         (axis, beside(axis).map(|a| speed[a] / speed[axis]))
     }
 
-    /// The rays of a row of cells: `f(way, flux)`.
+    /// The rays of a row of patches: `f(way, flux)`.
     #[inline(always)]
     pub fn over_row(&self, row: &Row, lattice: Lattice, shift: [f64; 2], f: &mut impl FnMut(&Way, f64)) {
         let [u, v] = beside(row.axis);
         let even = match self.source {
-            // The solid angle of a cell, were all the same.
+            // The solid angle of a patch, were all the same.
             Source::Point(_) => {
                 let cells = |axis: usize| beside(axis).map(|a| self.n[a]).iter().product::<f64>();
-                self.flux() / self.faces().iter().map(|face| cells(face.0)).sum::<f64>()
+                let patch = (row.size[0] * row.size[1]) as f64;
+                patch * self.flux() / self.faces().iter().map(|face| cells(face.0)).sum::<f64>()
             }
             Source::Parallel(_) => 0.0,
         };
-        for cell in row.cells[0]..row.cells[1] {
+        let whole = self.n[v].min((row.at + row.size[1]) as f64);
+        for cell in (row.cells[0]..row.cells[1]).step_by(row.size[0] as usize) {
             let low = [cell as f64, row.at as f64];
-            let patch = Patch { axis: row.axis, plane: row.plane, low, high: low.map(|c| c + 1.0) };
+            let high = match self.source {
+                Source::Point(_) => [self.n[u].min((cell + row.size[0]) as f64), whole],
+                Source::Parallel(_) => low.map(|c| c + 1.0),
+            };
+            let patch = Patch { axis: row.axis, plane: row.plane, low, high };
             let (mut own, mut near) = (lattice, false);
             if let Source::Point(p) = self.source {
+                let size = [(high[0] - low[0]) * self.h[u], (high[1] - low[1]) * self.h[v]];
                 let r = [
                     (row.plane - p[row.axis]) * self.h[row.axis],
-                    (low[0] + 0.5 - p[u]) * self.h[u],
-                    (low[1] + 0.5 - p[v]) * self.h[v],
+                    (0.5 * (low[0] + high[0]) - p[u]) * self.h[u],
+                    (0.5 * (low[1] + high[1]) - p[v]) * self.h[v],
                 ];
-                let (d2, diagonal2) = (r.iter().map(|c| c * c).sum::<f64>(), self.h[u].powi(2) + self.h[v].powi(2));
+                let (d2, diagonal2) = (r.iter().map(|c| c * c).sum::<f64>(), size[0].powi(2) + size[1].powi(2));
                 near = d2 < 64.0 * diagonal2;
                 let seen = if near {
                     let rectangle = self.seen(&patch, p);
                     rectangle_solid_angle(rectangle.0[0], rectangle.0[1], rectangle.1[0], rectangle.1[1], rectangle.2)
                 } else {
-                    r[0].abs() * self.h[u] * self.h[v] / (d2 * d2.sqrt())
+                    r[0].abs() * size[0] * size[1] / (d2 * d2.sqrt())
                 };
-                // Cells that catch much more light than others have more rays.
+                // Patches that catch much more light than others have more rays.
                 if seen > 3.0 * even {
                     own = Lattice::of(lattice.points() as f64 * (seen / (3.0 * even)).min(MOST));
                 }
@@ -264,13 +281,15 @@ impl Aim {
     }
 }
 
-/// A row of cells of a plane, at which rays for the voxels are aimed.
+/// A row of patches of a plane, at which rays for the voxels are aimed.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
     axis: usize,
     plane: f64,
     cells: [i64; 2],
     at: i64,
+    /// Cells of a patch.
+    size: [i64; 2],
 }
 
 /// The axes of a plane normal to an axis, x before y before z: that in which voxels are neighbours in memory comes first.

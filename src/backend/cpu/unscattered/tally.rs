@@ -29,7 +29,7 @@ impl Set<'_> {
     /// Adds some units, rounded.
     #[inline(always)]
     pub fn add(&self, at: usize, units: f64) {
-        let units = (units + 0.5) as i64;
+        let units = (units + if units < 0.0 { -0.5 } else { 0.5 }) as i64;
         let sum = &self.sums[at];
         let old = if self.shared {
             sum.fetch_add(units, Relaxed)
@@ -106,6 +106,11 @@ impl Units {
             }
         };
         Units { distance2, near: volume.voxel_volume() / (4.0 * std::f64::consts::PI * diagonal) }
+    }
+
+    /// What a sum of 2^[`WHOLE`] units stands for in a voxel.
+    pub fn size(&self, cell: [usize; 3]) -> f64 {
+        power_of_2(WHOLE) / self.of(cell.map(|c| c as i32))
     }
 
     /// Those of a voxel.

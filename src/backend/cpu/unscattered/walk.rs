@@ -7,8 +7,8 @@
 use crate::scene::field::{Corners, Field};
 use crate::scene::{Albedo, Scene};
 
-/// Light below exp(-40) of what it was is not followed.
-const DARK: f64 = 4.25e-18;
+/// Light below exp(-40) of what it was is not followed, unless its whole way is to be known.
+pub const DARK: f64 = 4.25e-18;
 /// Largest optical depth of a piece of Simpson's rule.
 const PIECE: f64 = 0.3;
 /// No piece is shorter than this part of its way through half a voxel.
@@ -32,6 +32,12 @@ pub struct Stay<const K: usize> {
     pub path: [f64; K],
     /// What is absorbed; where the albedo is constant, all that collides.
     pub absorbed: [f64; K],
+    /// The way.
+    pub length: f64,
+}
+
+impl<const K: usize> Stay<K> {
+    const ZERO: Self = Stay { path: [0.0; K], absorbed: [0.0; K], length: 0.0 };
 }
 
 /// What becomes of light of weight 1, by extinction.
@@ -173,7 +179,7 @@ impl<'a, const K: usize> Matter<'a, K> {
                 (0..K).for_each(|c| _ = fate.collide(c, chance(self.extinction[c] * column), 1.0));
                 fate
             }
-            _ => self.walk(way, |_, _| {}),
+            _ => self.walk(way, DARK, |_, _| {}),
         }
     }
 
@@ -186,19 +192,19 @@ impl<'a, const K: usize> Matter<'a, K> {
         Fate { through: self.extinction.map(|e| (-e * f64::from(column)).exp()), ..Fate::ZERO }
     }
 
-    /// Follows the light of a way; `leave(voxel, stay)` is told what it leaves in each voxel.
+    /// Follows the light of a way until all of it is below `dark`; `leave(voxel, stay)` is told what it leaves in each voxel.
     #[inline(always)]
-    pub fn walk(&self, way: &Way, leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
+    pub fn walk(&self, way: &Way, dark: f64, leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
         if self.density.linear() && (self.density.constant().is_none() || self.albedo.is_some()) {
-            self.walk_cells(way, leave)
+            self.walk_cells(way, dark, leave)
         } else {
-            self.walk_voxels(way, leave)
+            self.walk_voxels(way, dark, leave)
         }
     }
 
     /// The walk through voxels of constant density.
     #[inline(always)]
-    fn walk_voxels(&self, way: &Way, mut leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
+    fn walk_voxels(&self, way: &Way, dark: f64, mut leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
         let n = self.density.n();
         let mut planes = Planes::new(way, n, 1);
         let mut fate = Fate::FRESH;
@@ -210,7 +216,7 @@ impl<'a, const K: usize> Matter<'a, K> {
                 let (step, cell) = (stop - t, planes.cell);
                 let density = f64::from(self.density.voxel(cell));
                 let coalbedo = self.albedo.as_ref().map_or(1.0, |albedo| 1.0 - f64::from(albedo.voxel(cell)));
-                let mut stay = Stay { path: [0.0; K], absorbed: [0.0; K] };
+                let mut stay = Stay { length: step, ..Stay::ZERO };
                 for c in 0..K {
                     let tau = self.extinction[c] * density * step;
                     let (mean, lost) = if tau < THIN {
@@ -226,7 +232,7 @@ impl<'a, const K: usize> Matter<'a, K> {
                 leave(cell, &stay);
                 t = stop;
             }
-            if exit >= way.length || fate.through.iter().all(|&through| through < DARK) {
+            if exit >= way.length || fate.through.iter().all(|&through| through < dark) {
                 return fate;
             }
             planes.cell[axis] += planes.step[axis];
@@ -239,13 +245,13 @@ impl<'a, const K: usize> Matter<'a, K> {
 
     /// The walk through halves of voxels, in each of which density and albedo are cubic.
     #[inline(always)]
-    fn walk_cells(&self, way: &Way, mut leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
+    fn walk_cells(&self, way: &Way, dark: f64, mut leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
         let n = self.density.n();
         let most = self.extinction.iter().fold(0.0f64, |most, &e| most.max(e));
         let simple = self.albedo.is_none();
         let mut planes = Planes::new(way, n, 2);
         let mut fate = Fate::FRESH;
-        let mut stay = Stay { path: [0.0; K], absorbed: [0.0; K] };
+        let mut stay = Stay::ZERO;
         let mut cell = Cell { start: 0.0, density: [0.0; 4], albedo: None };
         // The column from where the way enters the cell.
         let mut before = 0.0;
@@ -260,6 +266,7 @@ impl<'a, const K: usize> Matter<'a, K> {
                     (before, fresh) = (0.0, false);
                 }
                 let (from, to) = (t - cell.start, stop - cell.start);
+                stay.length += to - from;
                 let after = column(&cell.density, to);
                 if simple && most * (after - before) <= PIECE {
                     let half = column(&cell.density, 0.5 * (from + to)) - before;
@@ -285,10 +292,10 @@ impl<'a, const K: usize> Matter<'a, K> {
             let done = exit >= way.length
                 || planes.cell[axis] < 0
                 || planes.cell[axis] >= 2 * n[axis]
-                || fate.through.iter().all(|&through| through < DARK);
+                || fate.through.iter().all(|&through| through < dark);
             if done || half[axis] >> 1 != planes.cell[axis] >> 1 {
                 leave(half.map(|half| half >> 1), &stay);
-                stay = Stay { path: [0.0; K], absorbed: [0.0; K] };
+                stay = Stay::ZERO;
             } else {
                 // Over a plane of voxel centres.
                 fresh = true;
