@@ -15,7 +15,7 @@ TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single track
   path path_lights path_sky path_solids mitsuba mitsuba_pairs mitsuba_wrong mitsuba_stored interop \
   api bad_input)
 
-.PHONY: help demo test test-rust test-python wheel bench validate fmt clean check-rust check-lint llvm vulkan
+.PHONY: help demo test test-rust test-python wheel bench validate mutants fmt clean check-rust check-lint llvm vulkan
 .DELETE_ON_ERROR:
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make wheel     build dist/*.whl (on Linux for manylinux_2_17), install it afresh and run it"
 	@echo "make bench     how fast it is, as ratios measured in one run (BENCH='cube60 cloud --large': these groups, 512^3 too)"
 	@echo "make validate  the comparisons with analytic truth and with Mitsuba, one line each, hours the first time"
+	@echo "make mutants   small mutations of the code, each with the tests that must notice it (MUTANTS='merge: shader:')"
 	@echo "make fmt       format the Rust and Python sources"
 	@echo "make clean     remove what was built (.venv, target, demo)"
 	@echo "PYTHON=...     another Python (>= 3.11) than python3"
@@ -59,6 +60,9 @@ validate: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
 	MCRT_ALL_ON_GPU=1 $(BIN)/python -m pytest -v $(TRUTHS)
 	$(BIN)/python tests/validate.py
 	$(BIN)/python tests/random_scenes.py 1000
+
+mutants: $(VENV)/.package $(VENV)/.test vulkan
+	$(BIN)/python tests/mutants.py $(MUTANTS)
 
 fmt: check-lint $(VENV)/.test
 	cargo fmt

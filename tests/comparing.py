@@ -17,15 +17,17 @@ def limit(count=1, dof=np.inf, alpha=ALPHA):
 
 
 def z_scores(value, truth, error, truth_error=0.0, relative=1e-4):
-    """(value - truth) / standard error, to which rounding and quadrature add `relative`."""
+    """What (value - truth) exceeds the part `relative` of the truth by, in standard errors.
+
+    That part is for rounding, quadrature and bias, which no number of photons cures: it is allowed
+    as it stands, and not times the bound on z.
+    """
     truth = np.asarray(truth, float)
-    scale = np.sqrt(
-        np.square(error, dtype=float)
-        + np.square(truth_error, dtype=float)
-        + (relative * truth) ** 2
-    )
+    scale = np.hypot(np.asarray(error, float), truth_error)
     difference = np.asarray(value, float) - truth
-    return np.where(difference == 0, 0.0, difference / np.where(scale > 0, scale, 1e-300))
+    excess = np.maximum(np.abs(difference) - relative * np.abs(truth), 0)
+    scores = np.sign(difference) * excess / np.where(scale > 0, scale, 1e-300)
+    return np.where(excess == 0, 0.0, scores)
 
 
 def assert_z(value, truth, error, truth_error=0.0, *, dof=np.inf, relative=1e-4, what=""):
@@ -43,8 +45,12 @@ def assert_z(value, truth, error, truth_error=0.0, *, dof=np.inf, relative=1e-4,
 
 
 def assert_mean(samples, truth, *, what=""):
-    """The mean of independent, equally distributed samples is the truth (one-sample t test)."""
+    """The mean of independent, equally distributed samples is the truth (one-sample t test).
+
+    Of few samples Student's limit is so far out (28 of 5, 9 of 10, 5.4 of 24) that it sees nothing.
+    """
     samples = np.asarray(samples, float)
+    assert len(samples) >= 24, f"{what}: {len(samples)} samples are too few"
     assert_z(
         samples.mean(), truth, stats.sem(samples), dof=len(samples) - 1, relative=1e-5, what=what
     )

@@ -26,11 +26,20 @@ ALMOST = np.ones((6, 8, 3), np.float32)
 ALMOST[0, 0] += 1e-6
 SCALAR = pytest.mark.cpu_only("lanes are the CPU's")
 SIMDS = ["", pytest.param("scalar", marks=SCALAR)]
+BEYOND = ["avx2", "avx512"]  # instruction sets beyond what every processor has
 
 
 def ways(names):
     """Names of scenes, of which those of the scalar walk are the CPU's."""
     return [pytest.param(name, marks=SCALAR if "scalar" in name else ()) for name in names]
+
+
+def need(simd):
+    """Skips a test on a processor that lacks an instruction set, in whose stead it takes others."""
+    known = ["baseline", *BEYOND]
+    best = mcrt._mcrt.info()["simd"]
+    if known.index(best) < known.index(simd):
+        pytest.skip(f"this processor has {best} at most, not {simd}")
 
 
 def run(volume, **options):

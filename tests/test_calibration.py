@@ -39,7 +39,7 @@ def scene(kind, **options):
 
 
 @cached
-def replicas(kind):
+def replicas(kind, photons=2000):
     """z-scores (seeds, values) of voxels and of pixels, and their degrees of freedom."""
     with shared_order_0():
         return scores(kind)
@@ -49,7 +49,7 @@ def scores(kind):
     reference = scene(kind, photons=2e6, seed=10**6)
     voxels, absorbed, pixels = [], [], []
     for seed in range(SEEDS):
-        run = scene(kind, photons=2000, seed=seed, threads=1)
+        run = scene(kind, photons=photons, seed=seed, threads=1)
         voxels.append(
             comparing.z_scores(
                 run.fluence, reference.fluence, run.fluence_error, reference.fluence_error, 0
@@ -84,24 +84,34 @@ def test_z_scores_follow_students_t(of, kind):
     )
 
 
-@pytest.mark.parametrize("kind", ["directional", "environment"])
 @pytest.mark.parametrize("of", ["voxel", "absorbed", "pixel"])
-def test_error_bars_have_the_right_size(of, kind):
-    # Each seed's mean z^2 over voxels is one sample (its voxels share photons); it is dof / (dof -
-    # 2) on average. 10 %: tallies of 2000 photons are skew, which an analog walk shows as 6 to 10 %
-    # here; it is 5 % of an error bar.
-    z, dof = replicas(kind)[of]
+@pytest.mark.parametrize(
+    ("kind", "photons", "skewness"),
+    [("directional", 2000, 0.2), ("environment", 2000, 0.1), ("environment", 20_000, 0.01)],
+)
+def test_error_bars_have_the_right_size(kind, photons, skewness, of):
+    """Each seed's mean z^2 over voxels is one sample, for its voxels share photons.
+
+    Of normal batches it is dof / (dof - 2) on average. Sums of few photons are skew, which makes it
+    larger, by as much less as there are more photons: 2000 of the sky by 6 to 10 % (so does an
+    analog walk), and of the sun, which are tallied from their second flight on, by 17 %; that is 3
+    to 8 % of an error bar. 3 % are for the rounding of what 200 seeds share, the truth.
+    """
+    z, _ = replicas(kind, photons)[of]
+    # What light rays find of the sun hardly adds to the noise: their 7 degrees of freedom do not
+    # count.
+    dof = 15 if of == "pixel" else scene(kind, photons=photons, threads=1).stats.batches - 1
     sample = (z**2).mean(1)
     expected = dof / (dof - 2)
-    bound = comparing.limit(1, SEEDS - 1) * stats.sem(sample) + 0.1 * expected
-    assert abs(sample.mean() - expected) < bound, (
-        f"mean z^2 {sample.mean():.3f} +- {stats.sem(sample):.3f}, {expected:.3f}"
-    )
-    assert bound < 0.45 * expected
+    noise = comparing.limit(1, SEEDS - 1) * stats.sem(sample) + 0.03
+    print(f"mean z^2 {sample.mean():.3f} +- {stats.sem(sample):.3f}, {expected:.3f}")
+    assert -noise < sample.mean() - expected < noise + skewness
+    assert noise < 0.35 * expected
     # No bias: the mean z of a seed is 0 on average; skewness couples mean and error by some
     # hundredths.
     drift = z.mean(1)
-    assert abs(drift.mean()) < comparing.limit(1, SEEDS - 1) * stats.sem(drift) + 0.1
+    bound = comparing.limit(1, SEEDS - 1) * stats.sem(drift) + min(skewness, 0.1)
+    assert abs(drift.mean()) < bound
 
 
 def same(a, b):

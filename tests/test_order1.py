@@ -48,3 +48,32 @@ def test_order_1_of_a_half_space_is_its_closed_form(tau, mu0, interpolation):
     bound = 2e-3 + 2e-7 * tau / mu0
     for mu in (1.0, 0.2):
         assert seen(tau, mu0, mu, interpolation) == pytest.approx(1.0, abs=bound)
+
+
+@pytest.mark.parametrize("interpolation", ["nearest", "linear"])
+@pytest.mark.parametrize(("mu0", "mu"), [(1.0, 1.0), (1.0, 0.4), (0.6, 1.0)])
+def test_order_1_of_a_smooth_slab_from_the_light_grid_is_its_closed_form(mu0, mu, interpolation):
+    """Whatever the profile: mu0 / (mu0 + mu) (1 - exp(-tau (1 / mu0 + 1 / mu))), tau the whole's.
+
+    .1 %: interpolation errs by a twelfth of the depth's second differences, here .03 % at most.
+    """
+    layers, tau, albedo = 96, 2.0, 0.7
+    z = (np.arange(layers) + 0.5) / layers
+    profile = np.sin(np.pi * z) ** 2 * (1 + 0.5 * z)
+    top, tilt = np.array((2 * WIDE, 2 * WIDE, layers)), np.sqrt(1 - mu**2)
+    eye = top + 100 * np.array((0.6 * tilt, 0.8 * tilt, mu))
+    result = mcrt.simulate(
+        np.broadcast_to(profile[:, None, None], (layers, 4, 4)).astype(np.float32),
+        spacing=(1, WIDE, WIDE),
+        interpolation=interpolation,
+        extinction=tau / profile.sum(),
+        albedo=albedo,
+        light=mcrt.DirectionalLight((np.sqrt(1 - mu0**2), 0, -mu0)),
+        camera=mcrt.OrthographicCamera(eye, top, up=(0, 1, 0), width=1e-3, resolution=(1, 1)),
+        method="single",
+        outputs=("image",),
+        progress=False,
+    )
+    assert "depth towards it from the light grid" in str(result.plan).replace("\n", " ")
+    true = -albedo * mu0 / (4 * np.pi * (mu0 + mu)) * np.expm1(-tau * (1 / mu0 + 1 / mu))
+    assert result.image(order=1).item() == pytest.approx(true, rel=1e-3)

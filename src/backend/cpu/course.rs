@@ -132,3 +132,63 @@ impl Voids {
         empty.contains(&true).then_some(Voids { shift, n: [n[0] as u32, n[1] as u32], empty })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::rng::{Draws, uniform};
+    use crate::plan::Settings;
+    use crate::scene::field::V3;
+    use crate::scene::{Albedo, Camera, Light, Medium as Matter, Scene, Spectrum};
+
+    #[test]
+    fn majorants_are_nowhere_exceeded_and_reached_somewhere_in_reach() {
+        const N: [usize; 3] = [13, 9, 10];
+        let mut draws = Draws::new([4, 1], 0, 0);
+        let mut random = || draws.next4().map(uniform);
+        let voxels: Vec<f32> = (0..N.iter().product())
+            .map(|_| random())
+            .map(|[a, b, ..]| if a < 0.9 { 0.1 * b } else { 9.0 * b })
+            .collect();
+        let grey = |value: f64| Spectrum::new(&[value], "value").expect("valid");
+        for linear in [false, true] {
+            for (block, extinction) in [(None, 0.01), (Some(1), 3.0), (Some(2), 3.0), (Some(4), 3.0)] {
+                let volume = Volume::new(&voxels, N, [1.0, 0.8, 1.1], [0.0; 3], linear).expect("valid");
+                let medium = Matter::new(volume, grey(extinction), Albedo::Constant(grey(0.5)), Phase::Isotropic)
+                    .expect("valid");
+                let light = Light::directional([0.0, 0.0, -1.0], &[1.0]).expect("valid");
+                let camera = Camera::perspective([40.0, 0.0, 0.0], [5.0; 3], [0.0, 0.0, 1.0], 30.0, [4, 4]);
+                let scene = Scene::new(medium, vec![light], camera.expect("valid"));
+                let settings = Settings { tracker: Some(Tracker::Woodcock), ..Settings::default() };
+                let mut plan = Plan::new(&scene, &settings).expect("a plan");
+                plan.majorant = Some(MajorantGrid::new(&volume, block.unwrap_or(13)));
+                let course = Course::new(&plan, Scored::Nowhere, 0);
+                assert_eq!(course.majorants().is_some(), block.is_some());
+                let sigma = |density: f32| f64::from(density) * extinction;
+                let mut most = vec![0.0f64; course.cells.as_ref().map_or(1, |cells| cells.majorant.len())];
+                let majorant = |cell: usize| match &course.cells {
+                    Some(cells) => f64::from(cells.majorant[cell]),
+                    None => 1.0 / f64::from(course.free_path),
+                };
+                for _ in 0..40_000 {
+                    let xi = random();
+                    let p: V3 = std::array::from_fn(|a| xi[a] * N[a] as f32);
+                    let cell = course.cells.as_ref().map_or(0, |cells| {
+                        let c: [usize; 3] =
+                            std::array::from_fn(|a| ((p[a] / cells.block) as usize).min(cells.n[a] as usize - 1));
+                        (c[2] * cells.n[1] as usize + c[1]) * cells.n[0] as usize + c[0]
+                    });
+                    let here = sigma(course.field.at(p));
+                    assert!(here <= majorant(cell), "{linear} {block:?} {p:?}: {here} above {}", majorant(cell));
+                    most[cell] = most[cell].max(here);
+                }
+                // What is read in voxels reaches their values; between voxels only the coarsest come near it by chance.
+                for (cell, most) in most.into_iter().enumerate().filter(|_| !linear) {
+                    assert!(majorant(cell) <= most * (1.0 + 1e-5), "{block:?} {cell}: {} for {most}", majorant(cell));
+                }
+                let voxel = |m: f64| voxels.iter().any(|&v| (sigma(v) - m).abs() <= 1e-5 * m);
+                assert!((0..if linear { 1 } else { 0 }).all(|cell| voxel(majorant(cell))));
+            }
+        }
+    }
+}

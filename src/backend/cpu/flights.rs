@@ -374,3 +374,25 @@ fn flight(word: u32, more: u32) -> f32 {
 fn azimuth(word: u32) -> f32 {
     (word >> 10) as f32 * (1.0 / 4_194_304.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flights_are_the_logarithm_of_all_42_bits() {
+        let exact = |word: u32, more: u32| {
+            let rest = (f64::from(more & 1023) + 0.5) / 1024.0;
+            -((f64::from(word) + rest) / 4_294_967_296.0).ln()
+        };
+        let words = (0..64).chain((0..32).map(|bit| (1 << bit) + 3)).chain((0..99).map(|i| i * 43_383_508 + 17));
+        for word in words.chain([u32::MAX - 300, u32::MAX]) {
+            for more in [0, 1, 511, 1023, 1024 + 77] {
+                let (value, truth) = (f64::from(flight(word, more)), exact(word, more));
+                // The word itself is rounded to 24 bits, 6e-8 of it; the logarithm is good to as much of its value.
+                assert!((value - truth).abs() < 1.5e-7 * truth.max(1.0), "{word} {more}: {value} and not {truth}");
+            }
+        }
+        assert!(flight(0, 0) > 29.0);
+    }
+}

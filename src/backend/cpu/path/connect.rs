@@ -325,6 +325,137 @@ fn equiangular_on(light: &Illumination, ray: &ViewRay, h: V3) -> Option<Equiangu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::{Column, Method, Settings};
+    use crate::scene::{Albedo, Camera, Medium, Scene, Spectrum, Volume};
+    use std::f64::consts::{PI, TAU};
+    use std::sync::Arc;
+
+    /// The side of the box, one voxel of hardly any density.
+    const SIDE: f64 = 10.0;
+
+    fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+        (0..3).map(|i| a[i] * b[i]).sum()
+    }
+
+    /// Runs on the connections of paths to one light, in the box.
+    fn connected(light: Light, g: f64, extinction: f64, test: impl FnOnce(&Connections, Option<&Illumination>)) {
+        let grey = |value: f64| Spectrum::new(&[value], "value").expect("valid");
+        let volume = Volume::new(&[1.0], [1; 3], [SIDE; 3], [0.0; 3], false).expect("valid");
+        let phase = Phase::henyey_greenstein(g).expect("valid");
+        let medium = Medium::new(volume, grey(extinction), Albedo::Constant(grey(1.0)), phase).expect("valid");
+        let camera = Camera::perspective([40.0, 0.0, 0.0], [5.0; 3], [0.0, 0.0, 1.0], 30.0, [4, 4]).expect("valid");
+        let scene = Scene::new(medium, vec![light], camera);
+        let settings = Settings {
+            method: Some(Method::Path),
+            fluence: false,
+            radiance: false,
+            spp: Some(16),
+            ..Settings::default()
+        };
+        let plan = Plan::new(&scene, &settings).expect("a plan");
+        let views = [Illumination::new(&scene, None, &scene.lights[0], Column::Rays, None)];
+        test(&Connections::new(&plan, Field::density(&volume), &views), views[0].as_ref());
+    }
+
+    /// The middle of one of `n` equal parts of all words.
+    fn word(part: u64, n: u64) -> u32 {
+        ((part * 2 + 1) * (1 << 32) / (2 * n)) as u32
+    }
+
+    #[test]
+    fn joint_connections_find_what_directions_and_distances_integrate_to() {
+        let (p, lamp, travel) = ([2.5, 4.0, 6.5], [5.5, 3.0, 5.0], [0.48, -0.6, 0.64]);
+        for g in [0.0, 0.6] {
+            let extinction = 1e-6;
+            let hg = |cosine: f64| (1.0 - g * g) / (1.0 + g * g - 2.0 * g * cosine).powf(1.5) / (4.0 * PI);
+            // Directions by their angle from the light, points on them by the angle under which the light sees them: what
+            // is left is smooth but for the edges of the box.
+            let to: [f64; 3] = std::array::from_fn(|a| lamp[a] - p[a]);
+            let way = dot(to, to).sqrt();
+            let axis = to.map(|c| c / way);
+            let side = [axis[1], -axis[0], 0.0].map(|c| c / axis[0].hypot(axis[1]));
+            let cross =
+                [0, 1, 2].map(|a| axis[(a + 1) % 3] * side[(a + 2) % 3] - axis[(a + 2) % 3] * side[(a + 1) % 3]);
+            let (polar, round, along) = (400, 200, 40);
+            let mut truth = 0.0;
+            for i in 0..polar {
+                let (sin, cos) = (PI * (f64::from(i) + 0.5) / f64::from(polar)).sin_cos();
+                for j in 0..round {
+                    let (sin_phi, cos_phi) = (TAU * (f64::from(j) + 0.5) / f64::from(round)).sin_cos();
+                    let d: [f64; 3] =
+                        std::array::from_fn(|a| cos * axis[a] + sin * (cos_phi * side[a] + sin_phi * cross[a]));
+                    let exit = (0..3).map(|a| if d[a] > 0.0 { (SIDE - p[a]) / d[a] } else { -p[a] / d[a] });
+                    let length = exit.fold(f64::INFINITY, f64::min);
+                    let (foot, off) = (way * cos, way * sin);
+                    let (from, until) = ((-foot / off).atan(), ((length - foot) / off).atan());
+                    let mut line = 0.0;
+                    for k in 0..along {
+                        let angle = from + (until - from) * (f64::from(k) + 0.5) / f64::from(along);
+                        // Light that travels from the lamp to the point turns back along the way: sin(angle) = -cosine.
+                        line += hg(-angle.sin()) * (until - from) / f64::from(along) / off;
+                    }
+                    truth += sin * PI / f64::from(polar) * TAU / f64::from(round) * hg(dot(d, travel)) * line;
+                }
+            }
+            let light = Light::point(lamp, &[3.0]).expect("valid");
+            connected(light, g, extinction, |connections, view| {
+                let (n, mut sum) = (64, 0.0);
+                let at = p.map(|c| (c / SIDE) as f32);
+                for i in 0..n {
+                    for j in 0..n {
+                        for k in 0..n {
+                            for half in 0..2 {
+                                let words = [word(i, n), word(j, n), word(k, n), half];
+                                let way = travel.map(|c| c as f32);
+                                sum += f64::from(
+                                    connections.once_more(view.expect("a point"), at, way, words, |_, _| [1.0; 3])[0],
+                                );
+                            }
+                        }
+                    }
+                }
+                let (value, truth) = (sum / (2 * n * n * n) as f64, 3.0 * extinction * truth);
+                // Both grids are good to some 1e-4 of it.
+                assert!((value / truth - 1.0).abs() < 2e-3, "g = {g}: {value} and not {truth}");
+            });
+        }
+    }
+
+    #[test]
+    fn both_ways_to_find_a_map_add_up_to_all_of_its_light() {
+        let texels: Vec<f32> = (0..24).map(|i| if i % 5 == 3 { 0.0 } else { ((i * 7919 + 1) % 101) as f32 }).collect();
+        let map = Arc::new(Map::new(texels, 6, 4, 1).expect("valid"));
+        let light =
+            Light::Environment { radiance: Spectrum::new(&[1.0], "value").expect("valid"), map: Some(map.clone()) };
+        let travel = [0.48f32, -0.6, 0.64];
+        connected(light, 0.5, 1e-9, |connections, _| {
+            let n = 1200;
+            let (mut truth, mut met) = (0.0, 0.0);
+            for i in 0..n {
+                let z = 1.0 - 2.0 * (i as f64 + 0.5) / n as f64;
+                for j in 0..2 * n {
+                    let (sin, cos) = (PI * (j as f64 + 0.5) / n as f64).sin_cos();
+                    let s = (1.0 - z * z).sqrt();
+                    let d = [s * sin, s * cos, z].map(|c| c as f32);
+                    let cosine = (0..3).map(|a| d[a] * travel[a]).sum::<f32>();
+                    let chance = connections.phase.pdf(cosine);
+                    let area = 4.0 * PI / (2 * n * n) as f64;
+                    truth += area * f64::from(chance * map.radiance(d)[0]);
+                    met += area * f64::from(chance * connections.met(d, chance)[0]);
+                }
+            }
+            let (n, mut sampled) = (1200, 0.0);
+            for i in 0..n {
+                for j in 0..n {
+                    let words = [word(i, n), word(j, n), 0, 0];
+                    sampled += f64::from(connections.under_map(&map, [0.5; 3], travel, words)[0]) / (n * n) as f64;
+                }
+            }
+            assert!(met > 0.2 * truth && sampled > 0.2 * truth, "{met} and {sampled} of {truth}");
+            // Both grids are good to some 1e-4 of it.
+            assert!(((met + sampled) / truth - 1.0).abs() < 1e-3, "{met} + {sampled} and not {truth}");
+        });
+    }
 
     #[test]
     fn equiangular_density_integrates_to_one() {
