@@ -42,10 +42,10 @@ def scene(kind, **options):
 def replicas(kind, photons=2000):
     """z-scores (seeds, values) of voxels and of pixels, and their degrees of freedom."""
     with shared_order_0():
-        return scores(kind)
+        return scores(kind, photons)
 
 
-def scores(kind):
+def scores(kind, photons):
     reference = scene(kind, photons=2e6, seed=10**6)
     voxels, absorbed, pixels = [], [], []
     for seed in range(SEEDS):
