@@ -510,12 +510,15 @@ mod tests {
     fn first_collisions_are_drawn_in_proportion_and_weigh_one_on_average() {
         const N: [usize; 3] = [7, 6, 8];
         let words = |at: usize| Draws::new([9, 2], at as u64, 0).next4().map(uniform64);
-        let voxels: Vec<f32> =
-            (0..N.iter().product()).map(words).map(|[a, b, ..]| if a < 0.2 { 0.0 } else { 0.5 + b as f32 }).collect();
+        // So smooth that interpolated depths are right to a part in a hundred everywhere.
+        let wave = |at: usize, axis: usize| (0.3 * (at % N[axis]) as f32).sin();
+        let voxels: Vec<f32> = (0..N.iter().product())
+            .map(|at| 0.2 + wave(at, 0) + wave(at / N[0], 1) + wave(at / (N[0] * N[1]), 2))
+            .collect();
         let volume = Volume::new(&voxels, N, [1.0, 0.8, 1.2], [0.0; 3], false).expect("valid");
         let grey = |value: f64| Spectrum::new(&[value], "value").expect("valid");
         let phase = crate::physics::Phase::Isotropic;
-        let medium = Medium::new(volume, grey(0.4), Albedo::Constant(grey(0.9)), phase).expect("valid");
+        let medium = Medium::new(volume, grey(0.25), Albedo::Constant(grey(0.9)), phase).expect("valid");
         let camera = Camera::perspective([40.0, 0.0, 0.0], [3.0; 3], [0.0, 0.0, 1.0], 30.0, [4, 4]).expect("valid");
         let light = Light::directional([0.3, -0.4, -1.0], &[2.0]).expect("valid");
         let scene = Scene::new(medium, vec![light], camera);
@@ -542,9 +545,9 @@ mod tests {
             let parts = (0..1000).map(|part| {
                 let p = [part % 10, part / 10 % 10, part / 100].map(|c| (c as f32 + 0.5) / 10.0);
                 let p: V3 = std::array::from_fn(|a| corner[a] as f32 + p[a]);
-                (-0.4 * f64::from(view.ray(p, &view.incident(p)))).exp()
+                (-0.25 * f64::from(view.ray(p, &view.incident(p)))).exp()
             });
-            2.0 * 0.4 * f64::from(voxels[at]) * parts.sum::<f64>() / 1000.0 * volume.voxel_volume()
+            2.0 * 0.25 * f64::from(voxels[at]) * parts.sum::<f64>() / 1000.0 * volume.voxel_volume()
         };
         let truth: Vec<f64> = (0..voxels.len()).map(collisions).collect();
         for at in 0..voxels.len() {
@@ -553,7 +556,11 @@ mod tests {
             // Its photons' weights vary by a tenth or two.
             let found = weights[at] / f64::from(count) * emitter.powers[0];
             let error = 0.2 / f64::max(drawn[at], 1.0).sqrt();
-            assert!((found - truth[at]).abs() <= 5.0 * error * truth[at], "{at}: {found} and not {}", truth[at]);
+            assert!(
+                (found - truth[at]).abs() <= (5.0 * error + 0.02) * truth[at],
+                "{at}: {found} and not {}",
+                truth[at]
+            );
         }
         let (found, truth) =
             (weights.iter().sum::<f64>() / f64::from(count), truth.iter().sum::<f64>() / emitter.powers[0]);
