@@ -48,6 +48,7 @@ def test_one_run_gives_the_images_of_runs_for_each_eye(phase, light, left_out):
         comparing.assert_z(*values, *errors, dof=dof, relative=1e-3 + 3 * left_out, what=view)
 
 
+@pytest.mark.cpu_only("many short runs; the GPU's harmonics meet what its eye records, bit by bit")
 @pytest.mark.parametrize(
     ("phase", "angular"),
     [(mcrt.Rayleigh(), "sh"), (mcrt.HenyeyGreenstein(0.5), 8)],

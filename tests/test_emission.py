@@ -293,6 +293,7 @@ def test_lights_and_emission_add_up():
     comparing.assert_z(both.image(), total, both.image_error(), error, dof=15, relative=1e-3)
 
 
+@pytest.mark.cpu_only("many short runs; test_gpu.py holds the GPU's pictures against the CPU's")
 def test_single_is_emitted_light_and_light_scattered_once():
     arguments = {"emission": 0.5, "phase": mcrt.HenyeyGreenstein(0.3)}
     single, photon = run(cloud(), method="single", **arguments), run(cloud(), seed=1, **arguments)

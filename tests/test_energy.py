@@ -357,3 +357,12 @@ def test_what_passes_unscattered_is_what_beer_and_lambert_let_through(kind, orde
         true = (weight * np.exp(-extinction * column)).sum()
         photons = comparing.fraction_error(true, 1e5)
         comparing.assert_z(energy.unscattered, true, photons, relative=1e-2, what=extinction)
+
+
+def test_photons_at_first_collisions_of_a_lamp_hold_its_power():
+    """Their weights, too: each is what arrives where it starts."""
+    options = {"light": mcrt.PointLight(POINT, 5.0), "extinction": 0.3}
+    result = run(haze(), **options)
+    assert "photons start at their first collision" in str(result.plan).replace("\n", " ")
+    comparing.assert_balance(result.energy)
+    assert result.energy.error < 3e-4

@@ -227,6 +227,7 @@ def test_channels_of_a_map_are_maps_of_their_own():
         )
 
 
+@pytest.mark.cpu_only("many short runs; test_gpu.py holds the GPU's pictures against the CPU's")
 def test_single_and_photon_agree_on_light_scattered_once():
     """Over seeds, for the error of a picture is that of all its orders together."""
     options = {"phase": mcrt.HenyeyGreenstein(0.3), "photons": 2e4, "outputs": ("image",)}

@@ -111,6 +111,7 @@ def test_white_furnace_radiance_is_one_for_an_eye_inside(medium, phase):
     assert_unit_radiance(furnace(medium, phase, view=INSIDE), INSIDE)
 
 
+@pytest.mark.cpu_only("many short runs; all runs together are the GPU's too")
 @pytest.mark.parametrize("medium", MEDIA)
 def test_mean_path_length_is_four_volumes_over_surface(medium):
     # integral of the fluence / entering power = mean path; independent runs, five or so for each

@@ -186,8 +186,18 @@ def test_collisions_in_layers_are_poisson_distributed(tracker, n):
 
 
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
-@pytest.mark.parametrize("tracker", ["woodcock", "march"])
-def test_collisions_along_a_skew_line_are_poisson_distributed(tracker, interpolation):
+@pytest.mark.parametrize(
+    "tracker",
+    [
+        "woodcock",
+        pytest.param("woodcock one by one", marks=pytest.mark.cpu_only("lanes are the CPU's")),
+        "march",
+    ],
+)
+def test_collisions_along_a_skew_line_are_poisson_distributed(tracker, interpolation, monkeypatch):
+    tracker, *one_by_one = tracker.split(maxsplit=1)
+    if one_by_one:
+        monkeypatch.setenv("MCRT_SIMD", "scalar")
     linear = interpolation == "linear"
     density = cloud("smooth" if linear and tracker == "march" else "random")
     start, direction = (-1.0, 0.35, 0.45), (1.0, 0.37, 0.63)

@@ -497,3 +497,73 @@ pub fn hit_fraction(scene: &Scene, position: [f64; 3]) -> f64 {
     let volume = &scene.medium.volume;
     box_solid_angle(volume.local(position), volume.size()) / (4.0 * PI)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::Control;
+    use crate::backend::views::{illuminations, light_grids};
+    use crate::plan::{Plan, Settings};
+    use crate::scene::{Albedo, Camera, Medium, Spectrum, Volume};
+
+    #[test]
+    fn first_collisions_are_drawn_in_proportion_and_weigh_one_on_average() {
+        const N: [usize; 3] = [7, 6, 8];
+        let words = |at: usize| Draws::new([9, 2], at as u64, 0).next4().map(uniform64);
+        // So smooth that interpolated depths are right to a part in a hundred everywhere.
+        let wave = |at: usize, axis: usize| (0.3 * (at % N[axis]) as f32).sin();
+        let voxels: Vec<f32> = (0..N.iter().product())
+            .map(|at| 0.2 + wave(at, 0) + wave(at / N[0], 1) + wave(at / (N[0] * N[1]), 2))
+            .collect();
+        let volume = Volume::new(&voxels, N, [1.0, 0.8, 1.2], [0.0; 3], false).expect("valid");
+        let grey = |value: f64| Spectrum::new(&[value], "value").expect("valid");
+        let phase = crate::physics::Phase::Isotropic;
+        let medium = Medium::new(volume, grey(0.25), Albedo::Constant(grey(0.9)), phase).expect("valid");
+        let camera = Camera::perspective([40.0, 0.0, 0.0], [3.0; 3], [0.0, 0.0, 1.0], 30.0, [4, 4]).expect("valid");
+        let light = Light::directional([0.3, -0.4, -1.0], &[2.0]).expect("valid");
+        let scene = Scene::new(medium, vec![light], camera);
+        let plan = Plan::new(&scene, &Settings { photons: Some(1000), ..Settings::default() }).expect("a plan");
+        let columns = light_grids(&plan, None, &Control::new(None));
+        let views = illuminations(&scene, None, plan.lights.iter().map(|l| l.column), &columns);
+        let emitter = Emitter::new(&scene, &scene.lights[0], &plan.lights[0], views[0].as_ref()).expect("it shines");
+        let first = emitter.first_collisions().expect("voxels are thin");
+        let (count, mut cursor) = (400_000, Cursor::default());
+        let (mut drawn, mut weights) = (vec![0.0; voxels.len()], vec![0.0; voxels.len()]);
+        for photon in 0..count {
+            let (voxel, share) = first.find(&mut cursor, (f64::from(photon) + 0.5) / f64::from(count));
+            let xi = words(photon as usize);
+            let p: V3 = std::array::from_fn(|a| voxel[a] as f32 + xi[a] as f32);
+            let at = (voxel[2] * N[1] + voxel[1]) * N[0] + voxel[0];
+            drawn[at] += 1.0;
+            weights[at] += f64::from(first.arrive(p, share).1[0]);
+        }
+        let total = first.power.iter().map(|&power| f64::from(power)).sum::<f64>();
+        // Truth: collisions where the light arrives, by the midpoints of 10^3 parts of each voxel.
+        let view = views[0].as_ref().expect("it has a direction");
+        let collisions = |at: usize| {
+            let corner = [at % N[0], at / N[0] % N[1], at / (N[0] * N[1])];
+            let parts = (0..1000).map(|part| {
+                let p = [part % 10, part / 10 % 10, part / 100].map(|c| (c as f32 + 0.5) / 10.0);
+                let p: V3 = std::array::from_fn(|a| corner[a] as f32 + p[a]);
+                (-0.25 * f64::from(view.ray(p, &view.incident(p)))).exp()
+            });
+            2.0 * 0.25 * f64::from(voxels[at]) * parts.sum::<f64>() / 1000.0 * volume.voxel_volume()
+        };
+        let truth: Vec<f64> = (0..voxels.len()).map(collisions).collect();
+        for at in 0..voxels.len() {
+            let expected = f64::from(first.power[at]) / total * f64::from(count);
+            assert!((drawn[at] - expected).abs() < 1.5, "{at}: {} drawn of {expected}", drawn[at]);
+            // Its photons' weights vary by a tenth or two.
+            let found = weights[at] / f64::from(count) * emitter.powers[0];
+            let error = 0.2 / f64::max(drawn[at], 1.0).sqrt();
+            assert!(
+                (found - truth[at]).abs() <= (5.0 * error + 0.02) * truth[at],
+                "{at}: {found} and not {}",
+                truth[at]
+            );
+        }
+        let (found, truth) =
+            (weights.iter().sum::<f64>() / f64::from(count), truth.iter().sum::<f64>() / emitter.powers[0]);
+        assert!((found / truth - 1.0).abs() < 2e-3, "mean weight {found} and not {truth}");
+    }
+}

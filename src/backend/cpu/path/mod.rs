@@ -456,3 +456,31 @@ fn estimate<const C: usize>(sums: &[Sums<C>], n: u64) -> Pixels {
     }
     pixels
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_are_means_and_their_standard_errors() {
+        let rays = [(0.5, 0.5), (2.0, 0.0), (0.0, 4.0), (1.0, 7.0), (3.0, 2.0)];
+        let mut sums = [Sums::<2>::default(); 2];
+        for (one, more) in rays {
+            sums[0].add([one, 2.0 * one], [more, 2.0 * more]);
+            sums[1].add([one, 0.0], [more, 0.0]);
+        }
+        let pixels = estimate(&sums, 5);
+        // Sums of 1, 2, 4, 8 and 5: mean 4, variance 30 / 4.
+        let error = (30.0f64 / 4.0 / 5.0).sqrt() as f32;
+        let near = |found: &[f32], truth: [f32; 4]| {
+            assert!(
+                found.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-6 * b.max(1.0)),
+                "{found:?}, not {truth:?}"
+            );
+        };
+        near(&pixels.order1, [1.3, 2.6, 1.3, 0.0]);
+        near(&pixels.order2, [2.7, 5.4, 2.7, 0.0]);
+        near(&pixels.error, [error, 2.0 * error, error, 0.0]);
+        assert_eq!(estimate(&sums[..1], 1).error, [f32::INFINITY; 2]);
+    }
+}
