@@ -22,6 +22,7 @@ SENTINELS = {
     # The start of each light, and where its photons end.
     "test_energy.py::test_energy_of_each_light_adds_up",
     "test_energy.py::test_energy_of_each_channel_adds_up",
+    "test_energy.py::test_photons_at_first_collisions_of_a_lamp_hold_its_power",
     "test_energy.py::test_capped_forward_scattering_truncates_the_poisson_tail",
     "test_environment.py::test_fluence_in_a_void_is_the_integral_of_the_map",
     "test_environment.py::test_light_of_an_axis_falls_on_its_face",
@@ -42,9 +43,11 @@ SENTINELS = {
     "test_single.py::test_albedo_of_each_voxel_scales_its_scattering",
     "test_single.py::test_alpha_is_one_minus_transmittance",
     "test_order1.py::test_order_1_of_a_half_space_is_its_closed_form",
+    "test_order1.py::test_order_1_of_a_smooth_slab_from_the_light_grid_is_its_closed_form[0.6-1.0-linear]",
     "test_outline.py::test_edges_along_rows_and_columns_are_covered_exactly",
     "test_outline.py::test_boxes_smaller_than_a_pixel_are_seen",
     "test_outline.py::test_the_sky_is_seen_past_the_outline",
+    "test_angular.py::test_harmonics_of_rayleigh_are_what_the_eye_records[environment]",
     "test_angular.py::test_one_run_gives_the_images_of_runs_for_each_eye[rgb]",
     "test_angular.py::test_one_run_gives_the_images_of_runs_for_each_eye[environment]",
     # Paths: the same, and lights near by, solids, and to go on where a run ended.

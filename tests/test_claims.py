@@ -228,6 +228,8 @@ def test_a_warning_stays_with_the_result(name, tmp_path):
     result.save(tmp_path / "warned.npz")
     loaded = mcrt.Result.load(tmp_path / "warned.npz")
     assert list(loaded.warnings) == list(result.warnings)
+    with pytest.raises(mcrt.SceneError, match="same seed"):
+        loaded + result
     if name != "target":  # the other's number differs
         more = {"photons": 500} if name == "batch" else {}
         for seed in (0, 2):
