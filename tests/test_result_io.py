@@ -183,3 +183,12 @@ def test_texts_are_short(grey):
     assert "photon" in repr(grey)
     assert "\n" not in repr(grey)
     assert "escaped" in str(grey)
+
+
+def test_a_file_keeps_the_seed_lest_a_run_be_merged_with_itself(tmp_path):
+    result = run(seed=3)
+    result.save(tmp_path / "result.npz")
+    loaded = mcrt.Result.load(tmp_path / "result.npz")
+    with pytest.raises(mcrt.SceneError, match="same seed"):
+        loaded + result
+    assert (loaded + run(seed=1)).stats.photons == 2 * result.stats.photons
