@@ -78,11 +78,11 @@ def test_edges_at_any_angle_are_covered(seed):
         ),
     ]
     for view in views:
-        truth, alpha = covered(view), seen(view, 1e4).alpha()
+        truth, alpha = covered(view), seen(view, 1e6).alpha()
         partly = (truth > 0) & (truth < 1)
         assert partly.sum() > 15
-        # A sliver that no ray meets, or none misses, is taken for nothing.
-        assert np.abs(alpha - truth).max() < 0.025, view
+        # The truth's strips are exact to half of one: 1 / 800 of a pixel.
+        assert np.abs(alpha - truth).max() < 2e-3, view
         assert abs((alpha - truth)[partly].sum()) < 3e-3 * truth[partly].sum(), view
 
 
@@ -106,17 +106,13 @@ def test_boxes_smaller_than_a_pixel_are_seen(size):
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(
     "place",
-    [
-        (0.21, 0.2),
-        (0.6, 0.15),
-        (1.0, 0.4),
-        pytest.param((0.97, 0.99), marks=pytest.mark.xfail(reason="slivers beside rays are lost")),
-    ],
+    [(0.21, 0.2), (0.6, 0.15), (1.0, 0.4), (0.97, 0.99)],
 )
 def test_boxes_smaller_than_a_pixel_are_as_opaque_as_they_are_large(place, size):
-    # Bounds on pixels are wider than the smallest box: here 1 % of the box is what may be lost.
+    # Bounds on pixels are wider than the smallest box: here 1 % of the box is what may be lost, and
+    # what single precision rounds of the sum of a pixel's thousand rays, 1e-5.
     alpha, _ = opacity(size, *place)
-    assert abs(alpha.sum(dtype=float) / size**2 - 1) < 1e-2
+    assert abs(alpha.sum(dtype=float) - size**2) < 1e-2 * size**2 + 2e-5
 
 
 def test_photons_and_colours_take_the_same_outline():

@@ -268,7 +268,7 @@ impl<'a, const C: usize, const S: usize> View<'a, C, S> {
     #[inline(always)]
     fn pixel(&self, camera: &Camera, (x, y): (f64, f64), outline: &Outline, fine: usize) -> Pixel<C, S> {
         let centre = self.range(camera, x + 0.5, y + 0.5);
-        let rays = self.rays(camera, centre.as_ref(), outline.cover(x, y), fine);
+        let rays = self.rays(camera, centre.as_ref(), (outline, x, y), fine);
         let n = rays.per_axis;
         let finer = self.backdrop.as_ref().map_or(1, |backdrop| backdrop.samples(camera).div_ceil(n));
         let mut mean =

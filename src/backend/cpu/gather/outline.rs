@@ -32,14 +32,12 @@ pub struct Outline {
     sides: Vec<[f64; 3]>,
 }
 
-/// What an outline holds of a pixel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cover {
-    /// The part of its area.
-    pub area: f64,
-    /// Whether one of its corners is within.
-    pub corner: bool,
-}
+/// Rays per axis of a pixel that an outline runs through, and the most where it covers little.
+const RAYS: usize = 8;
+const FINEST: usize = 32;
+/// The most that are tried until some meet what is covered and some do not, if neither is less than this part of the pixel.
+const MOST: usize = 48;
+const SLIVER: f64 = 1e-4;
 
 impl Outline {
     /// That of the medium. Every plane through the eye that touches it is a line in the image.
@@ -111,19 +109,19 @@ impl Outline {
         self.sides.iter().map(|side| distance(side, [x, y])).fold(f64::INFINITY, f64::min)
     }
 
-    /// What it holds of the pixel with the upper left corner (x, y).
+    /// The part of the area that it covers of the pixel with the upper left corner (x, y).
     #[inline]
-    pub fn cover(&self, x: f64, y: f64) -> Cover {
+    pub fn cover(&self, x: f64, y: f64) -> f64 {
         let mut cut = false;
         for side in &self.sides {
             let (middle, reach) = (distance(side, [x + 0.5, y + 0.5]), 0.5 * (side[0].abs() + side[1].abs()));
             if middle <= -reach {
-                return Cover { area: 0.0, corner: false };
+                return 0.0;
             }
             cut |= middle < reach;
         }
         if !cut {
-            return Cover { area: 1.0, corner: true };
+            return 1.0;
         }
         let corners = [[x, y], [x + 1.0, y], [x + 1.0, y + 1.0], [x, y + 1.0]];
         // What each side leaves of the pixel (Sutherland and Hodgman, *Reentrant polygon clipping*, 1974).
@@ -148,8 +146,27 @@ impl Outline {
                 p[0] * q[1] - q[0] * p[1]
             })
             .sum();
-        let corner = corners.iter().any(|p| self.depth(p[0], p[1]) >= 0.0);
-        Cover { area: (0.5 * twice).clamp(0.0, 1.0), corner }
+        (0.5 * twice).clamp(0.0, 1.0)
+    }
+
+    /// Rays per axis of a pixel that it covers in part, `least` at least: more the less of it, so that a box smaller than the
+    /// pixel is met by as many rays as a large one, and then as many as leave a ray on both of its sides.
+    pub fn rays(&self, (x, y): (f64, f64), area: f64, least: usize) -> usize {
+        let few = (2.0 * RAYS as f64 / area).sqrt().clamp(RAYS as f64, FINEST as f64).ceil() as usize;
+        let least = least.max(few);
+        if area.min(1.0 - area) < SLIVER {
+            return least;
+        }
+        let parted = |&n: &usize| {
+            let stride = stride(n);
+            let within = |at: usize| {
+                let (u, v) = point(n, stride, at);
+                self.depth(x + u, y + v) >= 0.0
+            };
+            let first = within(0);
+            (1..n * n).any(|at| within(at) != first)
+        };
+        (least..=MOST).find(parted).unwrap_or(least)
     }
 
     /// Weights of the rays of a pixel that it covers in part, `n` per axis. Rays within it stand for the part that it
@@ -240,7 +257,7 @@ mod tests {
             let met = (0..FINE * FINE)
                 .filter(|at| ViewRay::new(&scene, camera, x + place(at % FINE), y + place(at / FINE)).is_some())
                 .count();
-            (outline.cover(x, y).area - met as f64 / (FINE * FINE) as f64).abs()
+            (outline.cover(x, y) - met as f64 / (FINE * FINE) as f64).abs()
         };
         pixels.map(difference).fold(0.0, f64::max)
     }
@@ -292,15 +309,15 @@ mod tests {
         for c in [0.15, 0.3, 0.62, 1.2] {
             let scale = 1.0 / 1.0f64.hypot(0.3);
             let outline = Outline { sides: vec![[-scale, -0.3 * scale, c * scale]] };
-            let cover = outline.cover(0.0, 0.0);
-            let weights = outline.weights((0.0, 0.0), cover.area, 8);
+            let area = outline.cover(0.0, 0.0);
+            let weights = outline.weights((0.0, 0.0), area, 8);
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
             let own = |at: usize| {
                 let (x, y) = point(8, stride(8), at);
                 if x + 0.3 * y < c { f64::from(weights[at]) } else { 0.0 }
             };
             let within = (0..64).map(own).sum::<f64>();
-            assert!((within - cover.area).abs() < 1e-5, "{c}: {within} of {}", cover.area);
+            assert!((within - area).abs() < 1e-5, "{c}: {within} of {area}");
             assert!(weights.iter().all(|&w| w > 0.0));
         }
     }

@@ -2,8 +2,6 @@
 
 #[cfg(feature = "gpu")]
 use super::Volumes;
-use super::outline::Cover;
-#[cfg(feature = "gpu")]
 use super::outline::Outline;
 use super::{Ray, View};
 use crate::backend::cpu::light::{Illumination, Source};
@@ -14,9 +12,6 @@ use rayon::prelude::*;
 
 /// Parts that a solid without voxels is seen in.
 const SOLID: f64 = 16.0;
-/// Rays per axis of a pixel with an outline in it, and the most where little of it is covered.
-const OUTLINE: usize = 8;
-const FINEST: usize = 32;
 
 /// The rays of a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -41,7 +36,7 @@ pub fn rays(volumes: &Volumes, camera: &Camera, outline: &Outline, pixels: Optio
             let pixel = pixels.map_or(at, |list| list[at]);
             let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
             let centre = view.range(camera, x + 0.5, y + 0.5);
-            view.rays(camera, centre.as_ref(), outline.cover(x, y), fine)
+            view.rays(camera, centre.as_ref(), (outline, x, y), fine)
         })
         .collect()
 }
@@ -64,21 +59,23 @@ pub fn samples_per_axis(scene: &Scene, camera: &Camera) -> usize {
 }
 
 impl<const C: usize, const S: usize> View<'_, C, S> {
-    /// The rays of a pixel with the given ray through its centre, of which the outline covers some.
+    /// The rays of the pixel with the upper left corner (x, y) and the given ray through its centre.
     #[inline(always)]
-    pub fn rays(&self, camera: &Camera, centre: Option<&Ray>, cover: Cover, fine: usize) -> Rays {
-        let edge = cover.area > 0.0 && cover.area < 1.0;
-        let outline = match (edge, cover.corner) {
-            (true, true) => OUTLINE,
-            // What is smaller than the pixel, or thin, is still met.
-            (true, false) => ((2.0 * OUTLINE as f64 / cover.area).sqrt().ceil() as usize).clamp(OUTLINE, FINEST),
-            (false, _) => 1,
-        };
+    pub fn rays(
+        &self,
+        camera: &Camera,
+        centre: Option<&Ray>,
+        (outline, x, y): (&Outline, f64, f64),
+        fine: usize,
+    ) -> Rays {
+        let area = outline.cover(x, y);
+        let covered = (area > 0.0 && area < 1.0).then_some(area);
         let bright = match centre {
             Some(ray) => self.volumes.lights.iter().map(|light| self.sees(camera, ray, light)).fold(1, usize::max),
             None => 1,
         };
-        Rays { per_axis: fine.max(outline).max(bright), covered: edge.then_some(cover.area) }
+        let per_axis = fine.max(bright);
+        Rays { per_axis: covered.map_or(per_axis, |area| outline.rays((x, y), area, per_axis)), covered }
     }
 
     /// Rays per axis that a pixel needs because a point light in the box stands near its line of sight: 1/d^2 is steep.
