@@ -76,7 +76,7 @@ pub const REPLICATES: u64 = 8;
 const CROSSED: [f64; 2] = [1e5, 2e6];
 const CROSSED_PER_PHOTON: f64 = 100.0;
 /// Up to this optical depth of a voxel few rays tell how much less light there is in it than in a vacuum.
-const SPARSE_DEPTH: f64 = 1.0;
+const SPARSE_DEPTH: f64 = 0.3;
 /// Above this relative error of an order 1 image the optical depth towards a light is not interpolated in the light grid.
 const INTERPOLATION_ERROR: f64 = 0.005;
 /// Up to this error photons may still start at collisions drawn with interpolated depths: what is scattered again has

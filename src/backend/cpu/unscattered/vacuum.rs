@@ -10,19 +10,17 @@ use super::tally::Sums;
 use crate::scene::Volume;
 use crate::tally::Moments;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Diagonals of a voxel within which its mean fluence is not taken as known.
 const NEAR: f64 = 4.0;
 
-/// The shares of the vacuum's fluence that remain, and the voxels that rays have met since they are known.
+/// The shares of the vacuum's fluence that remain.
 pub struct Vacuum {
     light: [f64; 3],
     n: [usize; 3],
     h: [f64; 3],
     /// By tally, of each voxel and extinction.
     shares: [Option<Vec<f32>>; 3],
-    met: Vec<AtomicBool>,
 }
 
 impl Vacuum {
@@ -36,9 +34,7 @@ impl Vacuum {
     ) -> Option<Self> {
         let Source::Point(light) = aim.source else { return None };
         let (n, voxels) = (volume.n(), volume.voxels());
-        let mut met = Vec::new();
-        met.resize_with(voxels, AtomicBool::default);
-        let mut vacuum = Vacuum { light, n, h: volume.spacing(), shares: [None, None, None], met };
+        let mut vacuum = Vacuum { light, n, h: volume.spacing(), shares: [None, None, None] };
         let mut ways = vec![0.0; voxels];
         lengths.take(0, &mut ways);
         let shares = |(sums, scale): (&Sums, f64)| {
@@ -74,33 +70,26 @@ impl Vacuum {
         Some((1.0 + bend / (12.0 * d2)) / d2)
     }
 
-    /// A ray meets a voxel.
-    #[inline(always)]
-    pub fn meet(&self, voxel: usize) {
-        self.met[voxel].store(true, Relaxed);
-    }
-
     /// The share of a tally.
     #[inline(always)]
     pub fn share(&self, tally: usize, at: usize) -> f64 {
         self.shares[tally].as_ref().map_or(0.0, |shares| f64::from(shares[at]))
     }
 
-    /// Adds what is known to the moments of the rest, in units that `unit(voxel)` tells. A voxel that no ray met may as well
-    /// hold nothing.
+    /// Adds what is known to the moments of the rest, in units that `unit(voxel)` tells. Where nothing was counted of the rest
+    /// no ray has met the voxel, which may as well hold nothing, unless it holds all or nothing anyhow.
     pub fn add(&self, tally: usize, moments: &mut Moments, count: u64, unit: impl Fn(usize) -> f64 + Sync) {
         let Some(shares) = &self.shares[tally] else { return };
-        let k = shares.len() / self.met.len();
+        let k = shares.len() / self.n.iter().product::<usize>();
         let values = moments.mean.par_chunks_mut(k).zip(moments.m2.par_chunks_mut(k)).zip(shares.par_chunks(k));
         values.enumerate().for_each(|(voxel, ((mean, m2), shares))| {
             let Some(whole) = self.mean(voxel) else { return };
-            let met = self.met[voxel].load(Relaxed);
             for c in 0..k {
                 let known = f64::from(shares[c]) * whole / unit(voxel);
-                mean[c] += known;
-                if !met {
+                if mean[c] == 0.0 && m2[c] == 0.0 && shares[c] != 1.0 {
                     m2[c] = (known * known * (count * (count - 1)) as f64) as f32;
                 }
+                mean[c] += known;
             }
         });
     }
@@ -137,13 +126,8 @@ mod tests {
 
     #[test]
     fn the_mean_of_a_voxel_is_its_quadrature() {
-        let vacuum = Vacuum {
-            light: [-2.0, 30.0, 11.0],
-            n: [20, 10, 10],
-            h: [1.0, 0.5, 2.0],
-            shares: [None, None, None],
-            met: Vec::new(),
-        };
+        let vacuum =
+            Vacuum { light: [-2.0, 30.0, 11.0], n: [20, 10, 10], h: [1.0, 0.5, 2.0], shares: [None, None, None] };
         let mut known = 0;
         for voxel in 0..2000 {
             let Some(mean) = vacuum.mean(voxel) else { continue };

@@ -200,9 +200,6 @@ impl<'a, const K: usize> Tally<'a, K> {
                     if let Some(lengths) = &lengths {
                         lengths.add(voxel, stay.length * scale);
                     }
-                    if let Some(vacuum) = vacuum {
-                        vacuum.meet(voxel);
-                    }
                 });
             });
         });

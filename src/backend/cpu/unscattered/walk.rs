@@ -248,7 +248,6 @@ impl<'a, const K: usize> Matter<'a, K> {
     fn walk_cells(&self, way: &Way, dark: f64, mut leave: impl FnMut([i32; 3], &Stay<K>)) -> Fate<K> {
         let n = self.density.n();
         let most = self.extinction.iter().fold(0.0f64, |most, &e| most.max(e));
-        let simple = self.albedo.is_none();
         let mut planes = Planes::new(way, n, 2);
         let mut fate = Fate::FRESH;
         let mut stay = Stay::ZERO;
@@ -268,19 +267,8 @@ impl<'a, const K: usize> Matter<'a, K> {
                 let (from, to) = (t - cell.start, stop - cell.start);
                 stay.length += to - from;
                 let after = column(&cell.density, to);
-                if simple && most * (after - before) <= PIECE {
-                    let half = column(&cell.density, 0.5 * (from + to)) - before;
-                    for c in 0..K {
-                        let chance = |column: f64| {
-                            let tau = (self.extinction[c] * column).max(0.0);
-                            tau * thin_mean(tau)
-                        };
-                        let (halfway, lost, through) = (chance(half), chance(after - before), fate.through[c]);
-                        stay.path[c] += through * (to - from) * (1.0 - (4.0 * halfway + lost) * (1.0 / 6.0));
-                        stay.absorbed[c] += through * lost;
-                        fate.absorbed[c] += through * lost;
-                        fate.through[c] -= through * lost;
-                    }
+                if most * (after - before) <= PIECE {
+                    self.simpson(&cell, (from, before), (to, after), &mut fate, &mut stay);
                 } else {
                     self.pieces(&cell, (from, before), (to, after), &mut fate, &mut stay);
                 }
