@@ -71,6 +71,10 @@ pub struct Energy {
     pub fractions: [[f64; 3]; Share::COUNT],
     /// Standard error of the sum of all fractions, from the scatter of batches and of rays.
     pub error: [f64; 3],
+    /// Standard error of what passes unscattered: where rays find it along with what collides, that of the sum tells nothing.
+    pub unscattered_error: [f64; 3],
+    /// That of what is absorbed.
+    pub absorbed_error: [f64; 3],
     /// The sum of all fractions - 1, as it was found.
     pub imbalance: [f64; 3],
 }

@@ -366,3 +366,32 @@ def test_photons_at_first_collisions_of_a_lamp_hold_its_power():
     assert "photons start at their first collision" in str(result.plan).replace("\n", " ")
     comparing.assert_balance(result.energy)
     assert result.energy.error < 3e-4
+
+
+@pytest.mark.cpu_only("found on the host whatever the backend")
+@pytest.mark.parametrize("method", ["single", "photon"])
+def test_parts_of_the_energy_scatter_as_their_errors_say(method):
+    """Of light rays the sum is 1 whatever they meet: the parts have errors of their own."""
+    rng = np.random.default_rng(4)
+    spikes = np.where(rng.random((6, 7, 8)) < 0.1, 30.0, 0.0)
+    albedo = rng.random(spikes.shape)
+    runs = [
+        mcrt.simulate(
+            spikes,
+            albedo=albedo,
+            light=mcrt.PointLight((3.0, 9.0, 12.0), 50.0),
+            method=method,
+            max_scatterings=3,
+            photons=None if method == "single" else 3000,
+            outputs=("fluence",),
+            backend="cpu",
+            seed=seed,
+        ).energy
+        for seed in range(160)
+    ]
+    for part in ("unscattered", "absorbed"):
+        values = np.array([run[part] for run in runs])
+        claimed = np.array([run[part + "_error"] for run in runs]) ** 2
+        off = (values - values.mean()) ** 2 * len(runs) / (len(runs) - 1)
+        assert values.std() > 0
+        comparing.assert_mean(off / claimed.mean() - claimed / claimed.mean() + 1, 1.0)

@@ -58,7 +58,7 @@ def merge(
         data["one_photon"] = _one_photon(weights, x["one_photon"], y["one_photon"])
     if "energy" in x:
         data["energy"] = {
-            name: (_error if name == "error" else _mean)(weights, value, y["energy"][name])
+            name: (_error if name.endswith("error") else _mean)(weights, value, y["energy"][name])
             for name, value in x["energy"].items()
         }
     data["stats"] = _stats(counts, x["stats"], y["stats"])

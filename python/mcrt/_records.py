@@ -31,8 +31,9 @@ class Energy(Record):
     `missed` the volume, `unscattered` through it (or out of it, of light that it emits),
     `absorbed`, `truncated` at the last order, `roulette` (net, zero mean), `escaped` by face
     `-x +x -y +y -z +z` after at least one scattering; `error` is the standard error of their sum,
-    `imbalance` their sum - 1 as it was found. Each is tallied or integrated by itself. Floats where
-    the scene is grey, arrays of shape (3,) where it is RGB.
+    `unscattered_error` and `absorbed_error` those of these parts, `imbalance` the sum - 1 as it was
+    found. Each is tallied or integrated by itself. Floats where the scene is grey, arrays of shape
+    (3,) where it is RGB.
     """
 
     def sum(self) -> float | np.ndarray:

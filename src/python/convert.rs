@@ -316,6 +316,8 @@ pub fn energy<'py>(py: Python<'py>, energy: &Energy, channels: usize) -> PyResul
     let by_channel = |values: &[f64; 3]| PyArray1::from_slice(py, &values[..channels]);
     out.set_item("launched", by_channel(&energy.launched))?;
     out.set_item("error", by_channel(&energy.error))?;
+    out.set_item("unscattered_error", by_channel(&energy.unscattered_error))?;
+    out.set_item("absorbed_error", by_channel(&energy.absorbed_error))?;
     out.set_item("imbalance", by_channel(&energy.imbalance))?;
     for (share, name) in Share::ALL {
         out.set_item(name, by_channel(&energy.fractions[share.index()]))?;

@@ -1,7 +1,8 @@
 //! From tallies to the outcome: deterministic orders are added, errors taken, the energy balance drawn up.
 
 use super::angular::Towards;
-use super::emit::{hit_fraction, mean_density};
+use super::emit::hit_fraction;
+use super::energies::Energies;
 use super::gather::Volumes;
 use super::light::Illumination;
 use super::pixel_error;
@@ -12,7 +13,7 @@ use crate::backend::{Control, Device};
 use crate::error::Result;
 use crate::plan::{Direct, Emission, Plan, REPLICATES};
 use crate::result::{Energy, Order0, Outcome, Share};
-use crate::scene::field::Occupancy;
+use crate::scene::field::{Field, Occupancy};
 use crate::scene::{Albedo, Light};
 use crate::tally::Moments;
 use rayon::prelude::*;
@@ -39,9 +40,9 @@ pub fn settle(plan: &Plan, mut shot: Shot, direct: Option<Single>) -> Outcome {
             let one = of(of_one_photon(plan, &shot));
             (mean, error) = shot.absorbed.settle(&unit[..channels], &one[..channels], count);
             // Of what is empty nothing is absorbed.
-            let (volume, n) = (&plan.scene.medium.volume, plan.scene.medium.volume.n());
+            let (density, n) = (Field::density(&plan.scene.medium.volume), plan.scene.medium.volume.n());
             error.par_chunks_mut(channels).enumerate().for_each(|(voxel, error)| {
-                if mean_density(volume, [voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])]) == 0.0 {
+                if density.voxel_mean([voxel % n[0], voxel / n[0] % n[1], voxel / (n[0] * n[1])]) == 0.0 {
                     error.fill(0.0);
                 }
             });
@@ -216,23 +217,16 @@ fn energy(plan: &Plan, shot: &Shot) -> Energy {
     let mut energy = Energy::default();
     let photons: f64 = shot.energies.iter().map(|e| e.1 as f64).sum();
     for c in 0..plan.channels {
-        let mut totals = Vec::with_capacity(shot.energies.len());
-        for (batch, count) in &shot.energies {
-            let mut total = 0.0;
+        let watts = |(batch, count): &(Energies, u64), share| batch.get(share, c) * shot.powers[c] / *count as f64;
+        for batch in &shot.energies {
             for (share, _) in Share::ALL {
-                let watts = batch.get(share, c) * shot.powers[c] / *count as f64;
-                energy.fractions[share.index()][c] += watts * *count as f64 / photons;
-                total += watts;
+                energy.fractions[share.index()][c] += watts(batch, share) * batch.1 as f64 / photons;
             }
-            totals.push(total);
         }
-        let k = totals.len() as f64;
-        if k == 1.0 {
-            energy.error[c] = f64::INFINITY;
-        } else if k >= 2.0 {
-            let mean = totals.iter().sum::<f64>() / k;
-            energy.error[c] = (totals.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (k * (k - 1.0))).sqrt();
-        }
+        let error = |of: &dyn Fn(&(Energies, u64)) -> f64| spread(shot.energies.iter().map(of));
+        energy.error[c] = error(&|batch| Share::ALL.iter().map(|&(share, _)| watts(batch, share)).sum());
+        energy.unscattered_error[c] = error(&|batch| watts(batch, Share::Unscattered));
+        energy.absorbed_error[c] = error(&|batch| watts(batch, Share::Absorbed));
     }
     for (at, (light, how)) in scene.lights.iter().zip(&plan.lights).enumerate() {
         let emitted = light.launched(size);
@@ -264,12 +258,15 @@ fn energy(plan: &Plan, shot: &Shot) -> Energy {
             let mut add = |share: Share, part: f64| energy.fractions[share.index()][c] += value[c] * part;
             add(Share::Missed, missed);
             add(Share::Unscattered, found.through[c]);
+            let more = |error: &mut [f64; 3], of: f64| error[c] = error[c].hypot(value[c] * of);
+            more(&mut energy.unscattered_error, found.error[c]);
             if quiet {
                 add(Share::Absorbed, found.absorbed[c]);
                 add(Share::Truncated, found.scattered[c]);
+                more(&mut energy.absorbed_error, found.absorbed_error[c]);
             } else {
                 // Collisions are the photons'; of quiet lights all shares are found together.
-                energy.error[c] = energy.error[c].hypot(value[c] * found.error[c]);
+                more(&mut energy.error, found.error[c]);
             }
         }
     }
@@ -281,14 +278,28 @@ fn energy(plan: &Plan, shot: &Shot) -> Energy {
         let launched = energy.launched[c];
         if launched > 0.0 {
             energy.fractions.iter_mut().for_each(|share| share[c] /= launched);
-            energy.error[c] /= launched;
+            for error in [&mut energy.error, &mut energy.unscattered_error, &mut energy.absorbed_error] {
+                error[c] /= launched;
+            }
             energy.imbalance[c] = (0..Share::COUNT).map(|s| energy.fractions[s][c]).sum::<f64>() - 1.0;
         } else {
             energy.fractions.iter_mut().for_each(|share| share[c] = 0.0);
-            energy.error[c] = 0.0;
+            for error in [&mut energy.error, &mut energy.unscattered_error, &mut energy.absorbed_error] {
+                error[c] = 0.0;
+            }
         }
     }
     energy
+}
+
+/// The standard error of the mean of some values: infinite of a single one, 0 of none.
+fn spread(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
+    let k = values.len() as f64;
+    if k < 2.0 {
+        return if k == 1.0 { f64::INFINITY } else { 0.0 };
+    }
+    let mean = values.clone().sum::<f64>() / k;
+    (values.map(|value| (value - mean).powi(2)).sum::<f64>() / (k * (k - 1.0))).sqrt()
 }
 
 /// The relative noise and bias that `target_error` bounds together, as they stand; over voxels they take order 0,

@@ -36,6 +36,8 @@ pub struct Balance {
     pub error: [f64; 3],
     /// What its first collision absorbs.
     pub absorbed: [f64; 3],
+    /// Its standard error.
+    pub absorbed_error: [f64; 3],
     /// What its first collision scatters.
     pub scattered: [f64; 3],
 }
@@ -73,9 +75,11 @@ fn balance_of<const K: usize>(scene: &Scene, (light, aim): (usize, &Aim), seed: 
     let k = REPLICATES as f64;
     let mut mean = Fate::<K>::ZERO;
     replicates.iter().for_each(|fate| mean.add(fate, 1.0 / k));
-    let spread = |c: usize| replicates.iter().map(|fate| (fate.through[c] - mean.through[c]).powi(2)).sum::<f64>();
-    let error: [f64; K] = std::array::from_fn(|c| (spread(c) / (k * (k - 1.0))).sqrt());
-    Balance::of(scene, &mean, error)
+    let error = |of: fn(&Fate<K>) -> [f64; K]| {
+        let square = |c: usize| replicates.iter().map(|fate| (of(fate)[c] - of(&mean)[c]).powi(2)).sum::<f64>();
+        std::array::from_fn(|c| (square(c) / (k * (k - 1.0))).sqrt())
+    };
+    Balance::of(scene, &mean, [error(|fate| fate.through), error(|fate| fate.absorbed)])
 }
 
 impl Balance {
@@ -83,20 +87,21 @@ impl Balance {
     pub fn of_beam(scene: &Scene, position: [f64; 3], direction: [f64; 3]) -> Option<Self> {
         let way = beam(scene, position, direction)?;
         Some(if scene.medium.is_chromatic() {
-            Balance::of(scene, &Matter::<3>::new(scene).fate(&way), [0.0; 3])
+            Balance::of(scene, &Matter::<3>::new(scene).fate(&way), [[0.0; 3]; 2])
         } else {
-            Balance::of(scene, &Matter::<1>::new(scene).fate(&way), [0.0])
+            Balance::of(scene, &Matter::<1>::new(scene).fate(&way), [[0.0]; 2])
         })
     }
 
     /// By channel, from what becomes of the light by extinction.
-    fn of<const K: usize>(scene: &Scene, fate: &Fate<K>, error: [f64; K]) -> Self {
+    fn of<const K: usize>(scene: &Scene, fate: &Fate<K>, [error, absorbed]: [[f64; K]; 2]) -> Self {
         let coalbedo = coalbedo(scene);
         let by = |values: &[f64; K], c: usize| values[c % K];
         Balance {
             through: std::array::from_fn(|c| by(&fate.through, c)),
             error: std::array::from_fn(|c| by(&error, c)),
             absorbed: std::array::from_fn(|c| by(&fate.absorbed, c) * coalbedo[c]),
+            absorbed_error: std::array::from_fn(|c| by(&absorbed, c) * coalbedo[c]),
             scattered: std::array::from_fn(|c| by(&fate.scattered, c) + by(&fate.absorbed, c) * (1.0 - coalbedo[c])),
         }
     }
