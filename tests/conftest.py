@@ -6,7 +6,6 @@ alone; a real GPU runs all, and so does any adapter if MCRT_ALL_ON_GPU is set, a
 does.
 """
 
-import contextlib
 import functools
 import glob
 import os
@@ -105,24 +104,6 @@ def interrupted(start, after):
 def ctrl_c_is_heard():
     """Also where the parent ignores it, as a shell does for what it runs in the background."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-@contextlib.contextmanager
-def shared_order_0():
-    """Runs of one scene share the unscattered light of the first whose voxels are read.
-
-    It is of rays, takes as long as fifty thousand photons however few a run has, and differs
-    between seeds by 1e-5 of the standard error of two thousand photons.
-    """
-    find, found = mcrt._mcrt.unscattered, []
-
-    def unscattered(*arguments):
-        found[:] = found or [find(*arguments)]
-        return found[0]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mcrt._mcrt, "unscattered", unscattered)
-        yield
 
 
 # ---------------------------------------------------------------------------------------- backends

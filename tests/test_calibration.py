@@ -10,7 +10,7 @@ import mcrt
 import numpy as np
 import pytest
 import truth
-from conftest import cached, shared_order_0
+from conftest import cached
 from scipy import stats
 
 pytestmark = pytest.mark.cpu_only("test_gpu.py holds the GPU's voxels and pixels against the CPU's")
@@ -41,11 +41,6 @@ def scene(kind, **options):
 @cached
 def replicas(kind, photons=2000):
     """z-scores (seeds, values) of voxels and of pixels, and their degrees of freedom."""
-    with shared_order_0():
-        return scores(kind, photons)
-
-
-def scores(kind, photons):
     reference = scene(kind, photons=2e6, seed=10**6)
     voxels, absorbed, pixels = [], [], []
     for seed in range(SEEDS):

@@ -6,6 +6,7 @@ absorption, sqrt(p (1 - p) / N) for a fraction and sqrt(<r^2n> - <r^n>^2) / sqrt
 weights only lower them.
 """
 
+import closed_forms
 import comparing
 import mcrt
 import numpy as np
@@ -37,15 +38,15 @@ def diffusing():
 
 @pytest.mark.parametrize(("radius", "true"), [(1, 0.14772109), (2, 0.33533473), (5, 0.76005454)])
 def test_absorption_within_a_radius_is_that_of_an_infinite_medium(radius, true):
-    assert truth.infinite_absorbed(radius, ALBEDO) == pytest.approx(true, abs=1e-7)
-    value = truth.within_ball(np.asarray(diffusing().absorbed, float), H, CENTRE, radius)
+    assert closed_forms.infinite_absorbed(radius, ALBEDO) == pytest.approx(true, abs=1e-7)
+    value = closed_forms.within_ball(np.asarray(diffusing().absorbed, float), H, CENTRE, radius)
     # 0.1 %: voxels cut by the sphere (0.07 % at radius 1, measured on the exact voxel means).
     comparing.assert_z(value, true, comparing.fraction_error(true, PHOTONS), relative=1e-3)
 
 
 @pytest.mark.parametrize(("r", "true"), [(1, 0.1432839), (2, 0.0371264), (5, 0.002915125)])
 def test_fluence_at_a_distance_is_that_of_case_de_hoffmann_and_placzek(r, true):
-    assert truth.infinite_fluence(r, ALBEDO) == pytest.approx(true, rel=1e-6)
+    assert closed_forms.infinite_fluence(r, ALBEDO) == pytest.approx(true, rel=1e-6)
     points, weight = truth.voxel_nodes((CELLS,) * 3, H, 1)
     distance = np.linalg.norm(points[..., 0, :] - CENTRE, axis=-1)
     shell = np.abs(distance - r) < H
@@ -58,7 +59,9 @@ def test_fluence_at_a_distance_is_that_of_case_de_hoffmann_and_placzek(r, true):
     rho = np.linalg.norm(corner, axis=-1)
     grid = np.linspace(rho.min(), rho.max(), 400)
     mean = (
-        np.interp(rho, grid, truth.infinite_fluence(grid, ALBEDO) * grid**2) / rho**2 * weight
+        np.interp(rho, grid, closed_forms.infinite_fluence(grid, ALBEDO) * grid**2)
+        / rho**2
+        * weight
     ).sum(-1)
     ratio = diffusing().fluence[shell].sum(dtype=float) / mean.sum()
     absorbed = (1 - ALBEDO) * mean.sum() * H**3
@@ -110,8 +113,8 @@ def test_moments_of_absorption_follow_the_legendre_moments(phase, g1, g2, cells,
         method="photon",
         seed=22,
     )
-    r2, r4 = truth.binned_moments(np.asarray(result.absorbed, float), h, centre)
-    true2, true4 = truth.moments(sigma_a, sigma_s, g1, g2)
+    r2, r4 = closed_forms.binned_moments(np.asarray(result.absorbed, float), h, centre)
+    true2, true4 = closed_forms.moments(sigma_a, sigma_s, g1, g2)
     # 0.1 %: what Sheppard's corrections leave of the light's 1/r^2 (0.08 %, measured on exact voxel
     # means).
     comparing.assert_z(
@@ -126,6 +129,6 @@ def test_moments_of_absorption_follow_the_legendre_moments(phase, g1, g2, cells,
 
 @pytest.mark.cpu_only("tests the truth")
 def test_moment_formulas_have_the_tabulated_values():
-    assert truth.moments(1, 9, 0, 0) == pytest.approx((0.2, 0.144))
-    assert truth.moments(1, 9, 0, 0.1) == pytest.approx((0.2, 0.145055), abs=1e-6)
-    assert truth.moments(1, 9, 0.75, 0.5625) == pytest.approx((0.615385, 1.466856), abs=1e-6)
+    assert closed_forms.moments(1, 9, 0, 0) == pytest.approx((0.2, 0.144))
+    assert closed_forms.moments(1, 9, 0, 0.1) == pytest.approx((0.2, 0.145055), abs=1e-6)
+    assert closed_forms.moments(1, 9, 0.75, 0.5625) == pytest.approx((0.615385, 1.466856), abs=1e-6)

@@ -3,11 +3,11 @@
 False alarms: 1e-5 per assertion that compares samples, about 10 of them.
 """
 
+import closed_forms
 import comparing
 import mcrt
 import numpy as np
 import pytest
-import truth
 from conftest import (
     CENTRE,
     ORIGIN,
@@ -378,7 +378,7 @@ def test_an_opaque_medium_is_a_half_space(simd, monkeypatch):
         spp=20_000,
         progress=False,
     )
-    h = truth.h_function(albedo, np.array([1.0]))[0]
+    h = closed_forms.h_function(albedo, np.array([1.0]))[0]
     comparing.assert_z(result.image(), albedo / 4 / np.pi * h * h / 2, result.image_error())
 
 

@@ -4,6 +4,7 @@ False alarms: 1e-5 per assertion (Bonferroni over pixels), about 250 assertions 
 paths together: 0.25 %.
 """
 
+import closed_forms
 import comparing
 import mcrt
 import numpy as np
@@ -133,7 +134,7 @@ def test_light_in_an_infinite_medium_is_that_of_case_de_hoffmann_and_placzek(sim
     # Interpolated: r times the fluence is smooth in log r but for its logarithm at zero.
     grid = np.geomspace(r.min() * 0.99, r.max() * 1.01, 1500)
     first = np.exp(-grid) / (4 * np.pi * grid**2)
-    more = np.interp(np.log(r), np.log(grid), truth.infinite_fluence(grid, albedo) - first)
+    more = np.interp(np.log(r), np.log(grid), closed_forms.infinite_fluence(grid, albedo) - first)
     source = albedo / (4 * np.pi) * np.exp(-t) * dt
     one = (source * np.exp(-r) / (4 * np.pi * r**2)).sum(-1)
     two = (source * more).sum(-1)
