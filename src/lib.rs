@@ -41,3 +41,10 @@ mod python;
 pub use error::{Error, Result};
 pub use plan::{Plan, Settings};
 pub use scene::Scene;
+
+// Tests of what is public, within the library, for it takes as long to compile once more.
+#[cfg(test)]
+extern crate self as mcrt;
+#[cfg(test)]
+#[path = "../tests/rust.rs"]
+mod tests;
