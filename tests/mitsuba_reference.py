@@ -131,7 +131,8 @@ def job(case, more=1):
     return Job(
         f"{cases.name(case)}, {more}",
         digest(scenes, more * samples, seeds, mi.__version__),
-        lambda first: render(case, more * samples, range(first, first + seeds))[0],
+        seeds,
+        lambda some: render(case, more * samples, some)[0],
     )
 
 

@@ -42,7 +42,8 @@ class Job:
 
     name: str
     scene: str  # `digest` of all that Mitsuba is given
-    render: Callable[[int], np.ndarray]  # samples (seeds, ...), from the first seed
+    seeds: int  # of the file's estimate
+    render: Callable[[range], np.ndarray]  # samples (seeds, ...)
 
 
 def digest(*values):
@@ -101,7 +102,7 @@ def main():
         new[job.name] = old.get(job.name)
         if not new[job.name] or new[job.name]["scene"] != job.scene:
             print("rendering", job.name, flush=True)
-            found = estimate(job.render(0))
+            found = estimate(job.render(range(job.seeds)))
             new[job.name] = {
                 "scene": job.scene,
                 "count": found.count,

@@ -81,7 +81,7 @@ def volume():
     return np.ones(SHAPE, np.float32)
 
 
-def render(scene, spp=2048, seeds=24):
+def render(scene, spp=512, seeds=24):
     """Images (seeds, h, w)."""
     loaded = mi.load_dict(scene)
     renders = [np.array(mi.render(loaded, spp=spp, seed=seed)) for seed in range(seeds)]
@@ -138,7 +138,7 @@ def test_furnace_without_background(kind):
     density = volume() if kind == "equal" else density
     extinction = (EXTINCTION,) * 2 + (2 * EXTINCTION,) if kind == "rgb grid" else EXTINCTION
     more = {"albedo": 1.0, "max_scatterings": None, "extinction": extinction}
-    images = render(mcrt.interop.to_mitsuba(density, **arguments(None, **more)), spp=1024)
+    images = render(mcrt.interop.to_mitsuba(density, **arguments(None, **more)))
     clear = truth.transmittance_image(
         VIEWS["perspective"], EXTINCTION * density, SPACING, linear=True, sub=16
     )
@@ -240,7 +240,7 @@ def test_ray_epsilon_takes_little(origin, unit, bias):
         ).camera(),
         max_scatterings=1,
     )
-    means = render(scene).mean((1, 2))
+    means = render(scene, spp=2048).mean((1, 2))
     comparing.assert_z(
         means.mean(), order_1_of_the_box(), stats.sem(means), dof=len(means) - 1, relative=bias
     )

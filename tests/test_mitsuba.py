@@ -160,11 +160,11 @@ def mitsuba_scene(case, order):
     }
 
 
-def render(name, order, first):
-    """Features of Mitsuba's images, from the first seed."""
-    llvm, case = select_variant(), CASES[name]
-    scene = mi.load_dict(mitsuba_scene(case, order))
-    seeds = range(first, first + (case.seeds if llvm else case.seeds // 2))
+def render(name, order, seeds):
+    """Features of Mitsuba's images."""
+    llvm = select_variant()
+    scene = mi.load_dict(mitsuba_scene(CASES[name], order))
+    seeds = seeds if llvm else seeds[: len(seeds) // 2]
     renders = [np.array(mi.render(scene, spp=SAMPLES, seed=seed)) for seed in seeds]
     return features(np.stack(renders)[..., 0])
 
@@ -175,6 +175,7 @@ def job(name, order):
     return Job(
         f"{name}, orders 1 to {order}",
         digest(mitsuba_scene(case, order), SAMPLES, case.seeds, mi.__version__),
+        case.seeds,
         functools.partial(render, name, order),
     )
 
