@@ -15,7 +15,7 @@ TRUTHS := $(patsubst %,tests/test_%.py,slab infinite furnace cube60 single track
   path path_lights path_sky path_solids mitsuba mitsuba_pairs mitsuba_wrong mitsuba_stored interop \
   api bad_input)
 
-.PHONY: help demo test test-rust test-python wheel bench validate mutants fmt clean check-rust check-lint llvm vulkan
+.PHONY: help demo test test-rust test-python lint-python wheel bench validate mutants fmt clean check-rust check-lint llvm vulkan
 .DELETE_ON_ERROR:
 
 help:
@@ -32,19 +32,24 @@ help:
 demo: $(VENV)/.package $(VENV)/.demo
 	$(BIN)/python -m mcrt demo --output demo
 
-test: test-rust test-python
+# Side by side: while one compiles with one core, the other installs or lints.
+test:
+	$(MAKE) -j2 test-rust test-python
 
 test-rust: check-rust check-lint $(BIN)/python vulkan
 	cargo fmt --check
 	$(WITH_PYTHON) cargo clippy --release --all-targets --features python -- -D warnings
 	$(WITH_PYTHON) cargo test --release
 
-test-python: $(VENV)/.package $(VENV)/.test $(VENV)/.demo llvm vulkan
+# Many tests use one core: two processes take files in turn.
+test-python: lint-python $(VENV)/.package $(VENV)/.demo llvm vulkan
+	$(BIN)/python -m mypy.stubtest mcrt._mcrt
+	$(BIN)/python -m pytest -n 2 --dist loadfile --nbmake tests notebooks/first_steps.ipynb
+
+lint-python: $(VENV)/.test
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/python -m mypy python/mcrt
-	$(BIN)/python -m mypy.stubtest mcrt._mcrt
-	$(BIN)/python -m pytest --nbmake tests notebooks/first_steps.ipynb
 
 # Zig links against an old glibc, whatever the machine's is.
 wheel: $(VENV)/.maturin $(VENV)/.wheel | check-rust
@@ -95,7 +100,7 @@ requirements = $(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyprojec
 
 $(VENV)/.maturin: $(BIN)/python
 	$(call requirements,["build-system"]["requires"]) > $@.txt
-	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
+	$(BIN)/python -m pip install -q --no-compile --disable-pip-version-check -r $@.txt
 	touch $@
 
 $(VENV)/.package: $(VENV)/.maturin $(RUST) | check-rust
@@ -104,18 +109,18 @@ $(VENV)/.package: $(VENV)/.maturin $(RUST) | check-rust
 
 $(VENV)/.test: pyproject.toml $(BIN)/python
 	$(call requirements,["project"]["optional-dependencies"]["test"]) > $@.txt
-	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
+	$(BIN)/python -m pip install -q --no-compile --disable-pip-version-check -r $@.txt
 	touch $@
 
 $(VENV)/.wheel: pyproject.toml $(BIN)/python
 	$(call requirements,["project"]["optional-dependencies"]["wheel"]) > $@.txt
-	$(BIN)/python -m pip install -q --disable-pip-version-check -r $@.txt
+	$(BIN)/python -m pip install -q --no-compile --disable-pip-version-check -r $@.txt
 	touch $@
 
 # Only a data file of nilearn is read: its dependencies are not needed.
 $(VENV)/.demo: pyproject.toml $(BIN)/python
 	$(call requirements,["project"]["optional-dependencies"]["demo"]) > $@.txt
-	$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps -r $@.txt
+	$(BIN)/python -m pip install -q --no-compile --disable-pip-version-check --no-deps -r $@.txt
 	touch $@
 
 # Mitsuba's fast variants need LLVM (not 15 or 16).

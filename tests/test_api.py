@@ -180,14 +180,14 @@ def test_three_albedos_are_rgb_even_for_three_voxels():
 
 def test_albedo_per_voxel_of_one_value_is_that_albedo(grey):
     result = run(albedo=np.full(SHAPE, 0.9))
-    np.testing.assert_allclose(result.energy.absorbed, grey.energy.absorbed, rtol=0.05)
+    np.testing.assert_allclose(result.energy.absorbed, grey.energy.absorbed, rtol=1e-6)
 
 
 def test_absorbed_is_sigma_a_times_fluence_in_constant_voxels(backend):
     result = run(interpolation="nearest")
     sigma_a = 0.1 * 0.8 * density()
-    np.testing.assert_allclose(result.absorbed, sigma_a * result.fluence, rtol=1e-5)
-    np.testing.assert_allclose(result.absorbed_error, sigma_a * result.fluence_error, rtol=1e-5)
+    np.testing.assert_allclose(result.absorbed, sigma_a * result.fluence, rtol=1e-6)
+    np.testing.assert_allclose(result.absorbed_error, sigma_a * result.fluence_error, rtol=1e-6)
 
 
 @pytest.mark.cpu_only("what the core is given does not depend on the backend")
@@ -364,7 +364,7 @@ def test_a_sequence_of_lights_adds_up():
     one, two = mcrt.PointLight((30.0, -40.0, 50.0), 1e3), mcrt.DirectionalLight((0, 0, -1), 2.0)
     both = run(light=[one, two], method="single", photons=None).image()
     each = sum(run(light=x, method="single", photons=None).image() for x in (one, two))
-    np.testing.assert_allclose(both, each, rtol=1e-4)
+    np.testing.assert_allclose(both, each, rtol=2e-6)
 
 
 @pytest.mark.cpu_only("simulates nothing")
@@ -374,7 +374,7 @@ def test_cloud_is_a_cloud_in_empty_space():
     assert cloud.dtype == np.float32
     assert cloud.min() == 0.0
     assert cloud.max() <= 1.0
-    assert 0.03 < (cloud > 0.5).mean() < 0.3
+    assert 0.03 < (cloud > 0.5).mean() < 0.12  # 6 to 7 % of the volume by seeds
     assert all(cloud.take(i, axis=axis).max() == 0.0 for axis in range(3) for i in (0, -1))
     np.testing.assert_array_equal(cloud, mcrt.datasets.cloud(64, seed=3))
 
@@ -385,7 +385,7 @@ def test_head_is_the_real_one():
     assert head.shape == (189, 233, 197)
     assert head.dtype == np.float32
     assert (head.min(), head.max()) == (0.0, 1.0)
-    assert (head == 0.0).mean() == pytest.approx(0.7825, abs=1e-3)
+    assert (head == 0.0).mean() == pytest.approx(0.7825, abs=1e-4)
 
 
 @pytest.mark.cpu_only("simulates nothing")

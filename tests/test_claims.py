@@ -78,10 +78,10 @@ def test_a_target_above_the_bias_holds_for_noise_and_bias_together():
         re.search(rf"{TEXT}(\S+) ", " ".join(shine(8, 4.0, target_error=0.005).warnings))[1]
     )
     result = shine(8, 4.0, target_error=target)
-    assert 0.4 * target < told < 0.9 * target
+    assert 0.4 * target < told < 0.9 * target  # else the scene is not one to see it in
     assert result.stats.stopped_by == "target_error"
     assert not any("out of reach" in text for text in result.warnings)
-    assert np.hypot(result.stats.relative_error, told) < 1.05 * target
+    assert np.hypot(result.stats.relative_error, told) < target
 
 
 @pytest.mark.parametrize(("target", "batches"), [(0.01, 40), (0.017, 16)])
@@ -163,11 +163,11 @@ def test_sub_volumes_are_equal_parts_of_what_the_image_is_made_of(kind):
     assert result.stats.batches % 16 == 0
     scale = np.abs(whole).max()
     np.testing.assert_allclose(
-        parts.mean(-1).reshape(whole.shape), whole, rtol=1e-5, atol=1e-6 * scale
+        parts.mean(-1).reshape(whole.shape), whole, rtol=1e-6, atol=1e-6 * scale
     )
     if kind == "sky":  # where photons are all the light, and scatter to all sides alike
         fluence = 4 * np.pi * parts.mean(-1).reshape(whole.shape)
-        np.testing.assert_allclose(fluence, result.fluence, rtol=1e-5, atol=1e-5 * scale)
+        np.testing.assert_allclose(fluence, result.fluence, rtol=1e-6, atol=1e-6 * scale)
     # Each is independent of the others: no two are alike.
     flat = parts.reshape(-1, 16)
     assert not any(np.array_equal(flat[:, i], flat[:, j]) for i in range(16) for j in range(i))
@@ -182,7 +182,7 @@ def test_errors_of_photons_and_of_light_rays_add_up_in_quadrature():
     assert not whole._data["order0"], "the light rays' part is still missing"
     assert np.median(rays.fluence_error) > 0.05 * np.median(of_photons) > 0
     together = np.hypot(of_photons, rays.fluence_error)
-    np.testing.assert_allclose(whole.fluence_error, together, rtol=1e-5)
+    np.testing.assert_allclose(whole.fluence_error, together, rtol=1e-6)
 
 
 # ---------------------------------------------------------------------------------------- warnings
@@ -250,4 +250,4 @@ def test_a_single_batch_has_no_error_bars():
     assert np.isinf(result.fluence_error).any()
     assert np.isinf(result.image_error()).all()
     assert np.isinf(result.energy.error)
-    assert comparing.energy_sum(result.energy) == pytest.approx(1, abs=0.6)
+    assert comparing.energy_sum(result.energy) == pytest.approx(1, abs=1e-6)

@@ -2,7 +2,7 @@
 
 The middle of a wide slab, seen from straight above under a sun at mu0, has the radiance
 a / (4 pi) mu0 / (1 + mu0) H(1) H(mu0). What photons leave in such voxels makes it too dark: `auto`
-leaves them, or the run says by how much, to within a factor of 1.5.
+leaves them, or the run says by how much.
 """
 
 import re
@@ -15,7 +15,7 @@ import pytest
 
 pytestmark = pytest.mark.cpu_only("the bias is told by paths on the host")
 
-FACTOR, VISIBLE = 1.5, 0.02
+VISIBLE = 0.02
 
 
 def half_space(tau, mu0, albedo):
@@ -64,12 +64,26 @@ def test_a_dense_picture_of_photons_tells_its_bias(tau, mu0, albedo):
     bias, error = abs(1 - value / true), result.image_error().mean() / true
     said = told(result)
     print(f"tau {tau}: bias {bias:.3f} +- {error:.3f}, told {said:.3f}")
-    # Paths have 1 % of noise of their own, and a bias is told from 2 % on.
-    noise = 3 * np.hypot(error, 0.01)
-    assert said < FACTOR * bias + noise
-    assert said > (bias - noise) / FACTOR or bias < VISIBLE + noise
+    # Of the same picture: the paths that it is held against have 1 % of noise, three of which are
+    # allowed. A bias is told from 2 % on.
+    noise = 3 * 0.01
+    assert abs(said - bias) < noise or (not said and bias < VISIBLE + noise)
     if said and bias > VISIBLE + noise:
         assert ("too dark" in " ".join(result.warnings)) == (value < true)
+
+
+@pytest.mark.cpu_only("a bias of the method, whatever runs it")
+@pytest.mark.parametrize(
+    ("tau", "mu0", "albedo"), [(5, 1.0, 0.7), (10, 0.5, 0.95), (20, 1.0, 0.95)]
+)
+def test_the_bias_told_is_the_true_one_on_average(tau, mu0, albedo):
+    volume, arguments = half_space(tau, mu0, albedo)
+    options = arguments | {"method": "photon", "photons": 1e5, "outputs": ("image",)}
+    runs = [mcrt.simulate(volume, seed=seed, **options) for seed in range(8)]
+    image = np.mean([run.image().mean(dtype=float) for run in runs])
+    off = np.mean(np.log([told(run) for run in runs])) - np.log(1 - image / radiance(mu0, albedo))
+    print(f"mean of log(told bias / true bias): {off:.3f}")
+    assert abs(off) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -81,7 +95,7 @@ def test_a_dense_picture_alone_is_made_by_paths(tau, mu0, albedo):
     assert result.plan.method == "path"
     assert not told(result)
     image, error = result.image(), np.sqrt((result.image_error() ** 2).mean() / 16)
-    comparing.assert_z(image.mean(dtype=float), radiance(mu0, albedo), error, relative=2e-3)
+    comparing.assert_z(image.mean(dtype=float), radiance(mu0, albedo), error)
 
 
 def test_auto_takes_paths_for_dense_pictures_only():
@@ -115,9 +129,13 @@ def test_bytes_taken_as_they_are_give_a_word():
         result.camera.origin, result.camera.target, fov=result.camera.fov, resolution=(8, 8)
     )
     paths = mcrt.simulate(volume, method="path", spp=512, camera=camera, progress=False)
-    bias = 1 - result.image(camera).mean(dtype=float) / paths.image().mean(dtype=float)
+    image, true = result.image(camera).astype(float), paths.image().astype(float)
+    seen = true > 0.05 * true.max()
+    noise = np.hypot(result.image_error(camera), paths.image_error())
+    bias = np.sqrt(np.mean(((image - true) ** 2 - noise**2)[seen])) / true[seen].mean()
     print(f"bias {bias:.3f}, told {told(result):.3f}")
-    assert bias / FACTOR < told(result) < FACTOR * bias
+    # The paths that tell it have 4 % of noise of their own.
+    assert abs(np.log(told(result) / bias)) < 0.2
     assert "too dark" in " ".join(result.warnings)
 
 

@@ -114,7 +114,7 @@ def test_the_image_is_the_line_integral(field, interpolation, channels, extincti
         origin, direction, _ = (np.squeeze(x) for x in view.rays())
         image = np.broadcast_to(result.image(view.camera())[0, 0], 3)
         expected = line_integrals(density, emission, sigma, origin, direction, linear)
-        np.testing.assert_allclose(image[: len(expected)], expected, rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(image[: len(expected)], expected, rtol=1e-5, atol=1e-9)
         layer = result.image(view.camera(), order="emission")
         assert np.array_equal(layer, result.image(view.camera()))
 
@@ -136,7 +136,7 @@ def test_empty_blocks_are_not_passed_over():
             photons=64,
         )
         expected = 8.0 if interpolation == "nearest" else 2 * (3.5 + 0.5)
-        np.testing.assert_allclose(result.image(), expected, rtol=1e-5)
+        np.testing.assert_allclose(result.image(), expected, rtol=1e-6)
 
 
 def test_smooth_clouds_in_even_steps_keep_the_exact_emission():
@@ -145,8 +145,11 @@ def test_smooth_clouds_in_even_steps_keep_the_exact_emission():
     view = truth.View((30, 25, 20), (10, 10, 10), (10, 8), fov=35)
     box = {"spacing": 1.0, "extinction": 0.2, "camera": view.camera(), "albedo": 0.0}
     result = run(density, emission=0.2 * density, photons=64, **box)
-    # with L_e = sigma_a the integral is 1 - transmittance
-    np.testing.assert_allclose(result.image(), result.alpha(), rtol=1e-3, atol=1e-3)
+    # With L_e = sigma_a the integral is 1 - transmittance. Few rays a pixel, whose alpha goes in
+    # even steps.
+    true = 1 - truth.transmittance_image(view, 0.2 * density.astype(float), (1, 1, 1), True, sub=6)
+    np.testing.assert_allclose(result.image(), true, rtol=0, atol=3e-4)
+    np.testing.assert_allclose(result.alpha(), true, rtol=0, atol=1e-3)
 
 
 # ------------------------------------------------------------------------------------- equilibrium
@@ -177,19 +180,19 @@ def test_equilibrium_is_uniform(medium, colour):
         emission=density[..., None] * shine if shine.ndim else density * shine,
         light=mcrt.EnvironmentLight(radiance),
         phase=mcrt.HenyeyGreenstein(0.4),
-        photons=6e5,
+        photons=4e5,
         seed=11,
         **MEDIA[medium],
     )
     error, dof = result.fluence_error, comparing.dof(result)
     comparing.assert_z(result.fluence, 4 * np.pi * radiance, error, dof=dof, what="fluence")
-    assert np.median(error / (4 * np.pi * radiance)) < 0.03
+    assert np.median(error / (4 * np.pi * radiance)) < 0.028
     comparing.assert_z(
         result.radiance, albedo * radiance, result.radiance_error, dof=dof, what="radiance"
     )
     image, error = result.image() + result.image(order=0), result.image_error()
     dof = comparing.dof(result, "pixel")
-    comparing.assert_z(image, radiance, error, dof=dof, relative=1e-3, what="image")
+    comparing.assert_z(image, radiance, error, dof=dof, what="image")
     comparing.assert_balance(result.energy)
 
 
@@ -207,7 +210,7 @@ def test_equilibrium_is_uniform_in_spherical_harmonics_and_for_an_eye_inside():
     for view in (VIEW, INSIDE):
         image = result.image(view.camera()) + result.image(view.camera(), order=0)
         error, dof = result.image_error(view.camera()), comparing.dof(result, "pixel")
-        comparing.assert_z(image, 1, error, dof=dof, relative=2e-3, what="image")
+        comparing.assert_z(image, 1, error, dof=dof, what="image")
 
 
 def test_equilibrium_with_an_albedo_per_voxel():
@@ -232,8 +235,8 @@ def test_equilibrium_with_an_albedo_per_voxel():
 def test_all_that_a_white_medium_emits_leaves_it():
     result = run(np.ones(SHAPE), extinction=2.0, albedo=1.0, emission=0.3)
     energy = result.energy
-    assert energy.launched == pytest.approx(4 * np.pi * 0.3 * np.prod(SIZE), rel=1e-6)
-    assert energy.absorbed == pytest.approx(0, abs=1e-6)
+    assert energy.launched == pytest.approx(4 * np.pi * 0.3 * np.prod(SIZE), rel=1e-7)
+    assert energy.absorbed == 0
     left = energy.unscattered + sum(energy.escaped.values()) + energy.roulette
     assert left == pytest.approx(1, abs=1e-6)
     assert energy.sum() == pytest.approx(1, abs=1e-6)
@@ -257,7 +260,7 @@ def test_deep_in_a_thick_absorber_fluence_is_emission_over_absorption():
     middle = (slice(3, 6),) * 3
     expected = 4 * np.pi * 0.6 / (8.0 * 0.5)
     error, dof = result.fluence_error[middle], comparing.dof(result)
-    comparing.assert_z(result.fluence[middle], expected, error, dof=dof, relative=2e-4)
+    comparing.assert_z(result.fluence[middle], expected, error, dof=dof)
 
 
 def test_a_shining_void_is_as_bright_as_it_is_long():
@@ -265,7 +268,9 @@ def test_a_shining_void_is_as_bright_as_it_is_long():
     origin, direction, weight = VIEW.rays(8)
     near, far = truth.box_interval(origin, direction, SIZE)
     expected = 0.7 * (np.clip(far - near, 0, None) * weight).sum(-1)
-    np.testing.assert_allclose(result.image(), expected, rtol=0.01, atol=0.01)
+    # Of an edge's pixel few rays tell how much is covered: 1 % of the longest way.
+    np.testing.assert_allclose(result.image(), expected, rtol=0, atol=0.02)
+    assert comparing.relative_rms(result.image(), expected) < 0.0075
     assert result.energy.unscattered == pytest.approx(1, abs=1e-6)
 
 
@@ -290,7 +295,7 @@ def test_lights_and_emission_add_up():
     comparing.assert_z(both.fluence, total, both.fluence_error, error, dof=comparing.dof(one))
     error = np.hypot(one.image_error(), two.image_error())
     total = one.image() + two.image()
-    comparing.assert_z(both.image(), total, both.image_error(), error, dof=15, relative=1e-3)
+    comparing.assert_z(both.image(), total, both.image_error(), error, dof=15)
 
 
 @pytest.mark.cpu_only("many short runs; test_gpu.py holds the GPU's pictures against the CPU's")
@@ -306,11 +311,11 @@ def test_single_is_emitted_light_and_light_scattered_once():
     one = [run(cloud(), method="single", seed=s, **few).image(order=1) for s in range(24)]
     two = [run(cloud(), seed=100 + s, **few).image(order=1) for s in range(24)]
     errors = stats.sem(one), stats.sem(two)
-    comparing.assert_z(np.mean(one, 0), np.mean(two, 0), *errors, dof=23, relative=1e-3)
+    comparing.assert_z(np.mean(one, 0), np.mean(two, 0), *errors, dof=23)
     comparing.assert_mean(np.sum(one, (1, 2)) / np.sum(two, (1, 2)), 1.0)
     more = run(cloud(), seed=2, max_scatterings=1, **arguments)
     error = np.hypot(single.image_error(), more.image_error())
-    comparing.assert_z(single.image(), more.image(), error, dof=15, relative=1e-3)
+    comparing.assert_z(single.image(), more.image(), error, dof=15)
 
 
 def test_without_scatterings_emission_is_seen_and_nothing_else():
@@ -356,7 +361,7 @@ def test_without_power_all_is_dark(dark, method):
 def test_the_target_error_counts_emission_as_signal():
     result = run(cloud(), emission=0.5, photons=None, target_error=0.01)
     assert result.stats.stopped_by == "target_error"
-    assert result.stats.relative_error < 0.012
+    assert result.stats.relative_error <= 0.01
 
 
 # ------------------------------------------------------------------------------ files and the rest

@@ -60,10 +60,10 @@ LIGHTS = {
 def test_energy_of_each_light_adds_up(kind, max_scatterings, interpolation):
     light, launched = LIGHTS[kind]
     energy = run(light=light(), max_scatterings=max_scatterings, interpolation=interpolation).energy
-    assert energy.launched == pytest.approx(launched, rel=1e-5)
+    assert energy.launched == pytest.approx(launched, rel=1e-7)
     assert set(energy.escaped) == set(FACES)
     comparing.assert_balance(energy)
-    assert 0 <= energy.error < 5e-3
+    assert 0 <= energy.error < 1e-6  # every photon weighs the same
     assert all(
         v >= 0
         for v in (
@@ -77,7 +77,8 @@ def test_energy_of_each_light_adds_up(kind, max_scatterings, interpolation):
     assert (energy.truncated > 1e-4) == (max_scatterings is not None)
     assert max_scatterings is None or energy.roulette == 0
     missed = 1 - truth.solid_angle(POINT, SIZE) / (4 * np.pi) if kind == "point" else 0.0
-    comparing.assert_z(energy.missed, missed, comparing.fraction_error(missed, 1e5), relative=2e-3)
+    # Stratified over a cone about the box: it scatters by 2.4e-5 from seed to seed.
+    assert energy.missed == pytest.approx(missed, abs=1.2e-4)
 
 
 @pytest.mark.parametrize("kind", ["point", "environment"])
@@ -88,10 +89,10 @@ def test_energy_of_each_channel_adds_up(kind):
     else:
         light, launched = mcrt.EnvironmentLight(colour), np.pi * truth.surface(SIZE) * colour
     energy = run(light=light, extinction=(0.5, 1.5, 5.0), albedo=(0.9, 0.5, 0.99)).energy
-    np.testing.assert_allclose(energy.launched, launched, rtol=1e-5)
+    np.testing.assert_allclose(energy.launched, launched, rtol=1e-7)
     assert energy.absorbed.shape == (3,)
     comparing.assert_balance(energy)
-    assert np.all(np.asarray(energy.error) < 0.05)
+    assert np.all(np.asarray(energy.error) < 0.006)
 
 
 def test_light_that_misses_is_missed():
@@ -109,13 +110,8 @@ def test_vacuum_scatters_nothing():
     )
     assert result.energy.unscattered == pytest.approx(1, abs=1e-6)
     true = 3 * truth.ray_fluence(np.zeros(SHAPE), SPACING, (-1, 1.1, 2.2), (1, 0.1, 0.2))
-    comparing.assert_z(
-        result.fluence,
-        true,
-        result.fluence_error + 2e-4 * true.max(),
-        dof=comparing.dof(result),
-        relative=1e-3,
-    )
+    assert np.all(result.fluence_error == 0)
+    np.testing.assert_allclose(result.fluence, true, rtol=1e-6, atol=1e-6 * true.max())
 
 
 def test_lights_add_up():
@@ -124,22 +120,26 @@ def test_lights_add_up():
     photons = 2e5
     alone = [run(light=light, photons=photons, seed=83 + i) for i, light in enumerate(lights)]
     together = run(light=lights, photons=3 * photons, seed=86)
+    # Welch and Satterthwaite, the least of all voxels.
+    squares = np.array([np.square(r.fluence_error, dtype=float) for r in (together, *alone)])
+    dofs = np.array([comparing.dof(r) for r in (together, *alone)])[:, None, None, None]
     comparing.assert_z(
         together.fluence,
         sum(r.fluence.astype(float) for r in alone),
         together.fluence_error,
-        np.sqrt(sum(r.fluence_error.astype(float) ** 2 for r in alone)),
-        dof=min(comparing.dof(r) for r in (together, *alone)),
-        relative=1e-3,
+        np.sqrt(squares[1:].sum(0)),
+        dof=(squares.sum(0) ** 2 / (squares**2 / dofs).sum(0)).min(),
     )
     launched = sum(LIGHTS[name][1] for name in names)
-    assert together.energy.launched == pytest.approx(launched, rel=1e-5)
+    assert together.energy.launched == pytest.approx(launched, rel=1e-7)
     absorbed = sum(r.energy.absorbed * r.energy.launched for r in alone) / launched
+    error = [r.energy.absorbed_error * r.energy.launched / launched for r in alone]
     comparing.assert_z(
         together.energy.absorbed,
         absorbed,
-        comparing.fraction_error(absorbed, photons),
-        relative=2e-3,
+        together.energy.absorbed_error,
+        np.linalg.norm(error),
+        dof=7,  # of 8 batches, or 8 lattices of rays
     )
 
 
@@ -159,7 +159,8 @@ def test_light_scattered_forward_escapes_by_the_face_ahead(face):
     comparing.assert_z(
         result.energy.unscattered, unscattered, comparing.fraction_error(unscattered, 1e5)
     )
-    assert result.energy.escaped[face] == pytest.approx(1 - result.energy.unscattered, abs=3e-4)
+    # Of a million scatterings one is by a radian, and ten are by a tenth.
+    assert result.energy.escaped[face] == pytest.approx(1 - result.energy.unscattered, abs=1e-4)
 
 
 def test_more_light_escapes_by_the_face_with_less_medium_before_it():
@@ -198,16 +199,18 @@ def test_no_scattering_leaves_order_0():
     true = truth.fluence_of_order_0(
         truth.Point(POINT, 100.0), 1.5 * cloud().astype(float), SPACING, True
     )
-    assert comparing.relative_rms(result.fluence, true) < 0.02
+    # The noise of light rays is .3 %.
+    assert comparing.relative_rms(result.fluence, true) < 0.006
     assert np.all(result.image() == 0)
     assert np.all(result.radiance == 0)
     assert sum(energy.escaped.values()) == pytest.approx(0, abs=1e-6)
     # 1 - albedo of the first collisions is absorbed, the rest truncated
-    assert energy.truncated == pytest.approx(4 * energy.absorbed, rel=1e-3)
+    assert energy.truncated == pytest.approx(4 * energy.absorbed, rel=1e-6)
 
 
 def test_radiance_of_one_scattering_is_albedo_times_fluence_of_order_0():
-    np.testing.assert_allclose(capped(1).radiance, 0.8 / (4 * np.pi) * capped(0).fluence, rtol=0.01)
+    # Of the same rays: but for single precision.
+    np.testing.assert_allclose(capped(1).radiance, 0.8 / (4 * np.pi) * capped(0).fluence, rtol=1e-6)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
@@ -215,15 +218,11 @@ def test_radiance_holds_one_order_more_than_fluence_of_isotropic_scattering(n):
     # orders 1..n of the radiance come from incident orders 0..n-1
     a, b = capped(n), run(photons=2e5, max_scatterings=n - 1, phase=mcrt.Isotropic(), seed=90)
     factor = 0.8 / (4 * np.pi)
-    dof = min(comparing.dof(a), comparing.dof(b))
-    comparing.assert_z(
-        a.radiance,
-        factor * b.fluence,
-        a.radiance_error,
-        factor * b.fluence_error,
-        dof=dof,
-        relative=3e-3,
-    )
+    errors = a.radiance_error.astype(float), factor * b.fluence_error.astype(float)
+    # Welch and Satterthwaite, the least of all voxels.
+    dof = sum(e**2 for e in errors) ** 2
+    dof /= sum(e**4 / comparing.dof(r) for e, r in zip(errors, (a, b), strict=True))
+    comparing.assert_z(a.radiance, factor * b.fluence, *errors, dof=dof.min())
 
 
 def test_orders_grow_to_the_uncapped_answer():
@@ -281,10 +280,10 @@ def test_absorbed_density_integrates_to_the_absorbed_energy():
     comparing.assert_z(
         total,
         result.energy.absorbed,
-        2 * comparing.fraction_error(result.energy.absorbed, 4e5),
-        relative=3e-3,
+        result.energy.absorbed_error,
+        dof=7,  # of 8 lattices of rays, which find order 0 in voxels
     )
-    np.testing.assert_allclose(result.absorbed, 0.2 * 1.5 * cloud() * result.fluence, rtol=1e-5)
+    np.testing.assert_allclose(result.absorbed, 0.2 * 1.5 * cloud() * result.fluence, rtol=1e-6)
 
 
 def haze():
@@ -336,8 +335,10 @@ def columns(kind, linear):
 def test_what_passes_unscattered_is_what_beer_and_lambert_let_through(kind, orders, interpolation):
     """Thin voxels, whose photons start at first collisions, and thick ones, where at the light.
 
-    1 %: the truth is a sum over some 10,000 stratified rays, good to .4 %.
+    The truth is a sum over some 10,000 rays: .2 % off for a lamp, and .06 % for a sun. That of a
+    beam is exact but for single precision.
     """
+    relative = {"beam": 1e-6, "directional": 1e-3}.get(kind, 4e-3)
     lights = {
         "beam": mcrt.PencilBeam((0.9, 0.5, -1.0), (0.1, 0.2, 1.0), 3.0),
         "directional": mcrt.DirectionalLight((0, 0, -1), 2.0),
@@ -355,8 +356,10 @@ def test_what_passes_unscattered_is_what_beer_and_lambert_let_through(kind, orde
         ).energy
         column, weight = columns(kind, interpolation == "linear")
         true = (weight * np.exp(-extinction * column)).sum()
-        photons = comparing.fraction_error(true, 1e5)
-        comparing.assert_z(energy.unscattered, true, photons, relative=1e-2, what=extinction)
+        # Of 8 lattices of rays, or of single photons: both bound it.
+        bound = comparing.limit(2, 7) * energy.unscattered_error
+        bound = min(bound, comparing.limit(2) * comparing.fraction_error(true, 1e5))
+        assert abs(energy.unscattered - true) < bound + relative * true, extinction
 
 
 def test_photons_at_first_collisions_of_a_lamp_hold_its_power():
@@ -365,7 +368,7 @@ def test_photons_at_first_collisions_of_a_lamp_hold_its_power():
     result = run(haze(), **options)
     assert "photons start at their first collision" in str(result.plan).replace("\n", " ")
     comparing.assert_balance(result.energy)
-    assert result.energy.error < 3e-4
+    assert result.energy.error < 2e-5
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
@@ -383,6 +386,8 @@ def test_parts_of_the_energy_scatter_as_their_errors_say(method):
             method=method,
             max_scatterings=3,
             photons=None if method == "single" else 3000,
+            # Rays take 7 times as long in linear voxels, and add up in the same way.
+            interpolation="nearest" if method == "single" else "linear",
             outputs=("fluence",),
             backend="cpu",
             seed=seed,

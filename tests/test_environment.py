@@ -114,11 +114,12 @@ def test_white_furnace_of_a_map_is_uniform(shape, interpolation):
     )
     error, dof = result.fluence_error, comparing.dof(result)
     comparing.assert_z(result.fluence, 4 * np.pi, error, dof=dof, what="fluence")
-    assert np.median(error) < 0.03 * 4 * np.pi
+    assert np.median(error) < 0.012 * 4 * np.pi
+    # One texel is brighter by 1e-5.
     np.testing.assert_allclose(result.energy.launched, np.pi * truth.surface(SIZE), rtol=1e-5)
     image = result.image() + result.image(order=0)
     error, dof = result.image_error(), comparing.dof(result, "pixel")
-    comparing.assert_z(image, 1, error, dof=dof, relative=1e-3, what="image")
+    comparing.assert_z(image, 1, error, dof=dof, what="image")
 
 
 # ---------------------------------------------------------------------------- what enters a volume
@@ -131,9 +132,7 @@ def test_fluence_in_a_void_is_the_integral_of_the_map(channels):
     d, weight = sphere(500)
     total = weight * radiance(texels, d).sum(0)
     total = total[0] if channels == 1 else total
-    comparing.assert_z(
-        result.fluence, total, result.fluence_error, dof=comparing.dof(result), relative=1e-3
-    )
+    comparing.assert_z(result.fluence, total, result.fluence_error, dof=comparing.dof(result))
     assert np.all(
         np.abs(result.energy.unscattered - 1) <= 1e-6 + comparing.limit(3, 7) * result.energy.error
     )
@@ -143,21 +142,23 @@ def test_fluence_in_a_pure_absorber_is_the_attenuated_map():
     texels, sigma, shape = sky(channels=3), np.array([0.3, 0.7, 1.5]), (2, 3, 2)
     size = np.multiply(shape, SPACING)[::-1]
     result = run(np.ones(shape), texels, extinction=sigma, albedo=0.0, photons=1e6, seed=5)
-    d, weight = sphere(120)
+    d, weight = sphere(48)
     sent = weight * radiance(texels, d)
-    node, w = np.polynomial.legendre.leggauss(3)
+    node, w = np.polynomial.legendre.leggauss(5)
     expected = np.zeros((*shape, 3))
     for k, j, i in np.ndindex(shape):
-        for at in np.ndindex(3, 3, 3):
+        for at in np.ndindex(5, 5, 5):
             place = (np.array([k, j, i]) + (node[list(at)] + 1) / 2) * SPACING
-            _, way = truth.box_interval(np.broadcast_to(place[::-1], d.shape), d, size)
+            way = (np.where(d > 0, size - place[::-1], -place[::-1]) / d).min(-1)
             seen = (sent * np.exp(-sigma * way[:, None])).sum(0)
             expected[k, j, i] += np.prod(w[list(at)]) / 8 * seen
+    # Nodes of 125 per voxel and 4600 directions are off by up to .09 %, of 343 and 80,000.
     comparing.assert_z(
-        result.fluence, expected, result.fluence_error, dof=comparing.dof(result), relative=2e-3
+        result.fluence, expected, result.fluence_error, dof=comparing.dof(result), relative=1e-3
     )
-    assert np.median(result.fluence_error / expected) < 0.02
-    np.testing.assert_allclose(result.energy.launched, launched(texels, size), rtol=1e-4)
+    assert np.median(result.fluence_error / expected) < 0.008
+    # The midpoint rule is off by 1e-5.
+    np.testing.assert_allclose(result.energy.launched, launched(texels, size), rtol=2e-5)
 
 
 def test_a_bright_texel_is_a_directional_light():
@@ -170,18 +171,23 @@ def test_a_bright_texel_is_a_directional_light():
     irradiance = 1e4 * np.sin(theta) * (np.pi / 256) * (2 * np.pi / 512)
     sun = mcrt.DirectionalLight(np.negative(to_sky), irradiance)
     a, b = run(cloud(), texels, photons=1e6), run(cloud(), light=sun, photons=1e6, seed=1)
+    # Welch and Satterthwaite, the least of all voxels.
+    one, two = (np.square(r.fluence_error, dtype=float) for r in (a, b))
+    dof = ((one + two) ** 2 / (one**2 / comparing.dof(a) + two**2 / comparing.dof(b))).min()
     comparing.assert_z(
         a.fluence,
         b.fluence,
         a.fluence_error,
         b.fluence_error,
-        dof=comparing.dof(b),
-        relative=0.01,
+        dof=dof,
+        relative=1e-3,
         what="fluence",
     )
-    assert a.energy.launched == pytest.approx(b.energy.launched, rel=1e-3)
+    # (pi / 256)^2 / 12 is 1.3e-5, and more towards the pole.
+    assert a.energy.launched == pytest.approx(b.energy.launched, rel=1e-4)
     for face, share in a.energy.escaped.items():
-        assert share == pytest.approx(b.energy.escaped[face], abs=0.005)
+        error = comparing.fraction_error(share, 1e6)
+        comparing.assert_z(b.energy.escaped[face], share, error, error, relative=1e-3, what=face)
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -206,10 +212,11 @@ def test_energy_of_a_map_adds_up(channels, extinction):
     result = run(cloud(), texels, extinction=extinction, max_scatterings=4)
     expected = launched(texels, SIZE)
     expected = np.broadcast_to(expected, 3) if np.ndim(result.energy.launched) else expected[0]
-    np.testing.assert_allclose(result.energy.launched, expected, rtol=1e-4)
+    # The midpoint rule is off by 1e-5.
+    np.testing.assert_allclose(result.energy.launched, expected, rtol=2e-5)
     comparing.assert_balance(result.energy)
     # every photon weighs the same, or the same in all channels together
-    assert np.all(result.energy.error < (1e-6 if np.ndim(expected) == 0 else 0.01))
+    assert np.all(result.energy.error < (1e-6 if np.ndim(expected) == 0 else 0.004))
 
 
 def test_channels_of_a_map_are_maps_of_their_own():
@@ -223,7 +230,6 @@ def test_channels_of_a_map_are_maps_of_their_own():
             all_three.fluence_error[..., c],
             one.fluence_error,
             dof=comparing.dof(one),
-            relative=1e-3,
         )
 
 
@@ -234,7 +240,7 @@ def test_single_and_photon_agree_on_light_scattered_once():
     single = [run(cloud(), sky(), method="single", seed=s, **options).image() for s in range(24)]
     photon = [run(cloud(), sky(), seed=100 + s, **options).image(order=1) for s in range(24)]
     errors = stats.sem(single), stats.sem(photon)
-    comparing.assert_z(np.mean(single, 0), np.mean(photon, 0), *errors, dof=23, relative=1e-3)
+    comparing.assert_z(np.mean(single, 0), np.mean(photon, 0), *errors, dof=23)
     whole = [np.sum(images, (1, 2)).ravel() for images in (single, photon)]
     comparing.assert_mean(whole[0] / whole[1], 1.0)
 
@@ -250,6 +256,8 @@ def assert_background(result, view, texels, extinction, size, sub=24):
     expected = (seen * weight[:, None]).sum(-2)
     image = result.image(view.camera(), order=0)
     image = image[..., None] if image.ndim == 2 else image
+    # Few rays a pixel: a regular grid of 3 x 3 has an rms of 2 % here, and 10 % of a dark pixel
+    # beside the sun.
     np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=0.05, atol=0.1)
     assert comparing.relative_rms(image, expected) < 0.025
 
@@ -282,7 +290,7 @@ def test_parallel_rays_see_one_point_of_the_sky():
     result = run(np.zeros(SHAPE), texels, camera=view.camera(), photons=100)
     d = np.subtract(view.target, view.origin)
     expected = radiance(texels, d / np.linalg.norm(d))[0]
-    np.testing.assert_allclose(result.image(order=0), expected, rtol=1e-4)
+    np.testing.assert_allclose(result.image(order=0), expected, rtol=2e-6)
 
 
 # ----------------------------------------------------------------------------------------- records

@@ -39,23 +39,20 @@ def random_albedo():
 
 
 PHOTONS = {
-    "linear": {},
+    "linear": {"phase": TABLE},
     "nearest": {"interpolation": "nearest", "phase": mcrt.Rayleigh()},
     "constant": {"volume": np.ones(SHAPE), "phase": HG(0.6)},
     "constant, march": {"volume": np.ones(SHAPE), "tracker": "march"},
     "sparse": {"volume": np.where(density(1) > 0.9, 5.0, 0.0), "extinction": 3.0},
     "march": {"tracker": "march"},
     "march, nearest": {"tracker": "march", "interpolation": "nearest", "phase": TABLE},
-    "backward": {"phase": HG(-0.7)},
-    "tabulated": {"phase": TABLE},
     "rgb": {"albedo": (0.99, 0.6, 0.2), "light": mcrt.DirectionalLight((1, 0, 0), (1, 2, 3))},
     "albedo of voxels": {"albedo": random_albedo(), "light": SUN},
     "chromatic": {"extinction": CHROMATIC, "tracker": "woodcock"},
     "chromatic, march": {"extinction": CHROMATIC, "tracker": "march", "phase": HG(0.5)},
     "two scatterings": {"max_scatterings": 2, "light": SUN},
-    "sun": {"light": SUN, "extinction": 3.0},
     "beam": {"light": BEAM},
-    "lamp inside": {"light": INSIDE, "extinction": 0.4},
+    "lamp inside": {"light": INSIDE, "extinction": 0.4, "phase": HG(-0.7)},
     "far lamp": {"light": mcrt.PointLight((6e6, -9e6, 16e6), 1e14)},
     "sky": {"light": mcrt.EnvironmentLight(1.0)},
     "map": {"light": MAP},
@@ -112,15 +109,15 @@ def test_a_target_is_met_after_the_same_photons():
 
 
 def test_random_scenes_do_not_tell_the_backends_apart():
-    found = [random_scenes.compare(number) for number in range(25)]
+    found = [random_scenes.compare(number) for number in range(13)]  # 1000 in `make validate`
     print(random_scenes.summary(found, 0.0))
-    assert sum(bool(one.refused) for one in found) < 10
+    assert sum(bool(one.refused) for one in found) < 5
     assert random_scenes.well(found)
 
 
 # ----------------------------------------------------------------------------- other random numbers
 
-PAIRS = 100
+PAIRS = 50
 KINDS = {
     "sun": {"light": SUN, "extinction": 2.0, "albedo": 0.95},
     "sky": {"light": mcrt.EnvironmentLight(1.0), "phase": HG(0.5), "interpolation": "nearest"},
@@ -130,7 +127,7 @@ KINDS = {
 @functools.cache
 def pairs(kind):
     """Results of the CPU and of the GPU, of different seeds."""
-    options = {"photons": 8000, "camera": camera(resolution=(6, 4))} | KINDS[kind]
+    options = {"photons": 16_000, "camera": camera(resolution=(6, 4))} | KINDS[kind]
     sides = []
     for first, backend in enumerate((CPU, GPU)):
         seeds = range(first, 2 * PAIRS, 2)
@@ -162,7 +159,7 @@ def test_voxels_of_both_differ_by_students_t(name, kind):
     assert len(p) >= 18
     assert p.min() > comparing.ALPHA / len(p)
     # Voxels of one pair share photons, pairs do not: mean z^2 is 2 dof / (2 dof - 2) on average.
-    # 10 %: tallies of a few thousand photons are skew.
+    # 10 %: tallies of few photons are skew.
     sample, expected = (z**2).mean(1), dof / (dof - 1)
     bound = comparing.limit(1, PAIRS - 1) * stats.sem(sample) + 0.1 * expected
     assert abs(sample.mean() - expected) < bound < 0.5 * expected
@@ -192,7 +189,7 @@ def test_voxels_of_both_have_the_same_mean(name, kind):
     "options", [{"phase": HG(0.6)}, {"light": [SUN, MAP], "albedo": (0.9, 0.6, 0.3)}]
 )
 def test_pixels_of_both_differ_by_a_normal_z(options):
-    options = {"method": "path", "spp": 2000, "camera": camera(resolution=(48, 32))} | options
+    options = {"method": "path", "spp": 700, "camera": camera(resolution=(48, 32))} | options
     a, b = (run(**options, seed=seed, backend=one) for seed, one in enumerate((CPU, GPU)))
     assert comparing.dof(a, "pixel") > 100
     scores = comparing.z_scores(a.image(), b.image(), a.image_error(), b.image_error(), 0)
@@ -203,6 +200,7 @@ def test_pixels_of_both_differ_by_a_normal_z(options):
         print(f"{len(z)} pixels: p {p:.2g}, mean {z.mean():.3f}, std {z.std():.3f}")
         assert len(z) > 500
         assert p > comparing.ALPHA
+        assert abs(z.mean()) < comparing.limit() / np.sqrt(len(z))
         chi_square = stats.chi2(len(z))
         assert (
             chi_square.ppf(comparing.ALPHA / 2) < (z**2).sum() < chi_square.isf(comparing.ALPHA / 2)
@@ -214,12 +212,12 @@ def test_pixels_of_both_differ_by_a_normal_z(options):
 REPEATED = {
     "photon": {
         "light": [LAMP, MAP],
-        "photons": 50_000,
+        "photons": 20_000,
         "phase": HG(0.5),
         "albedo": (0.9, 0.6, 0.3),
     },
-    "harmonics": {"photons": 20_000, "phase": HG(0.5), "angular": 2},
-    "path": {"light": [LAMP, MAP], "spp": 200, "method": "path", "extinction": CHROMATIC},
+    "harmonics": {"photons": 10_000, "phase": HG(0.5), "angular": 2},
+    "path": {"light": [LAMP, MAP], "spp": 64, "method": "path", "extinction": CHROMATIC},
 }
 
 

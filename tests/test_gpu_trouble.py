@@ -29,30 +29,31 @@ NOISE = (np.random.default_rng(1).random((12, 12, 12)) > 0.3).astype(np.float32)
 # Where a target says how long a run takes, the first estimate of that stands for a tenth of it.
 EARLY = {"photons": 0.2, "target": 0.03, "paths": 0.2, "path target": 0.03}
 LONG = {
-    "photons": {"photons": 6e5},
-    "target": {"target_error": 0.012, "light": SUN},
-    "paths": {"method": "path", "spp": 2500},
-    "path target": {"method": "path", "target_error": 0.02},
+    "photons": {"photons": 2.4e5},
+    "target": {"target_error": 0.02, "light": SUN},
+    "paths": {"method": "path", "spp": 1200},
+    "path target": {"method": "path", "target_error": 0.035},
 }
 
 
 def cloud(**options):
-    eye = mcrt.PerspectiveCamera((30, -25, 20), (6, 6, 6), fov=28, resolution=(24, 24))
+    eye = mcrt.PerspectiveCamera((30, -25, 20), (6, 6, 6), fov=28, resolution=(16, 16))
     base = {"spacing": 1.0, "origin": (0, 0, 0), "extinction": 0.6, "albedo": 0.97, "camera": eye}
     return run(NOISE, **base | options)
 
 
 @functools.cache
 def speed():
-    """How many times as fast as two processors the GPU is, or 1."""
+    """1 where two processors play the GPU, or by how much longer a faster GPU's runs must be."""
     cloud(photons=1e5)
     start = time.perf_counter()
     cloud(photons=1e5)
-    return max(1, round(0.2 / (time.perf_counter() - start)))
+    quick = 0.2 / (time.perf_counter() - start)
+    return 1 if quick < 1.5 else round(2.5 * quick)  # so short a run is mostly overhead
 
 
 def long_run(name, **options):
-    """A run of one or two seconds."""
+    """A run of half a second or more: of about ten dispatches."""
     given = dict(LONG[name])
     for effort, power in (("photons", 1), ("spp", 1), ("target_error", -0.5)):
         if effort in given:
@@ -99,6 +100,7 @@ def test_a_lost_run_keeps_what_it_has_and_goes_on_to_the_same_bits(name):
         assert np.isfinite(part[array]).all(), array
     assert part["image_error"].any()
     ratio = part["image"].mean(dtype=float) / all_of_it["image"].mean(dtype=float)
+    # 5 %: the least that is kept are 32 rays for each pixel, with an error of the mean of 1.2 %.
     assert ratio == pytest.approx(1.0, abs=0.05)
     walks = []
     assert bits(error.resume(progress=lambda _, info: walks.append(info["photons"]))) == expected
@@ -123,7 +125,7 @@ def test_a_run_that_was_lost_at_once_starts_again(name):
     assert bits(error.resume(progress=False)) == expected
 
 
-@pytest.mark.parametrize("delay", [0.01, 0.05, 0.1, 0.2, 0.4, 0.8])
+@pytest.mark.parametrize("delay", [0.01, 0.05, 0.2, 0.4, 0.8])
 def test_a_loss_at_any_time_costs_nothing_but_time(delay):
     expected = bits(whole("photons"))
     timer = threading.Timer(delay, _mcrt.lose_device, [GPU])

@@ -170,7 +170,8 @@ def test_large_pictures_interpolate_light_between_fine_nodes():
     rays = copy.copy(result)
     rays._data, rays._layers = result._data | {"fine": [False]}, {}
     exact = rays.image()
+    # .28 % and .012 %: second order in the half of a voxel between nodes.
     assert 0.0 < relative_rms(between, exact) < 0.003
-    assert abs(between.mean() / exact.mean() - 1.0) < 5e-4
+    assert abs(between.mean() / exact.mean() - 1.0) < 3e-4
     small = mcrt.PerspectiveCamera((125, -100, 55), (24, 24, 22), fov=16, resolution=(8, 8))
     np.testing.assert_array_equal(result.image(small), rays.image(small))

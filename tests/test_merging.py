@@ -150,7 +150,7 @@ def test_a_run_cut_short_merges_with_a_long_one(photons):
     merged = short + long
     n, m = long.stats.photons, short.stats.photons
     mean = (n * long.image().astype(float) + m * short.image()) / (n + m)
-    np.testing.assert_allclose(merged.image(), mean, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(merged.image(), mean, rtol=1e-6, atol=1e-9)
     error = merged.image_error()
     unknown = short.stats.batches < 2  # its error is not known, nor that of the sum
     assert np.isinf(merged.fluence_error).any() == unknown

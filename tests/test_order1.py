@@ -1,6 +1,6 @@
 """Order 1 of pictures against its closed form, however dense the voxels and however low the sun.
 
-Deterministic: the bound, 0.2 %, is that of two Gauss points in parts of a step.
+Deterministic: two Gauss points in parts of a step are off by .08 % at most here.
 """
 
 import mcrt
@@ -45,7 +45,7 @@ def seen(tau, mu0, mu, interpolation, albedo=0.7):
 def test_order_1_of_a_half_space_is_its_closed_form(tau, mu0, interpolation):
     # Single precision places a point to 3e-7 voxels, and the depth towards the sun to as much
     # times tau / mu0; 4 nodes share the light.
-    bound = 2e-3 + 2e-7 * tau / mu0
+    bound = 1.2e-3 + 2e-7 * tau / mu0
     for mu in (1.0, 0.2):
         assert seen(tau, mu0, mu, interpolation) == pytest.approx(1.0, abs=bound)
 
@@ -76,4 +76,4 @@ def test_order_1_of_a_smooth_slab_from_the_light_grid_is_its_closed_form(mu0, mu
     )
     assert "depth towards it from the light grid" in str(result.plan).replace("\n", " ")
     true = -albedo * mu0 / (4 * np.pi * (mu0 + mu)) * np.expm1(-tau * (1 / mu0 + 1 / mu))
-    assert result.image(order=1).item() == pytest.approx(true, rel=1e-3)
+    assert result.image(order=1).item() == pytest.approx(true, rel=5e-4)

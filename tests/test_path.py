@@ -7,6 +7,8 @@ False alarms: 1e-5 per assertion (Bonferroni over pixels), about 250 assertions 
 paths together: 0.25 %.
 """
 
+import functools
+
 import comparing
 import mcrt
 import numpy as np
@@ -45,8 +47,8 @@ LAYERS = np.array([0.3, 2.1, 0.0, 1.4, 0.2, 3.0])
 SLABS = {
     "analytic": ("", "analytic", "nearest", 16_000),
     "analytic scalar": ("scalar", "analytic", "nearest", 4000),
-    "woodcock": ("", "woodcock", "nearest", 8000),
-    "woodcock linear": ("", "woodcock", "linear", 8000),
+    "woodcock": ("", "woodcock", "nearest", 4000),
+    "woodcock linear": ("", "woodcock", "linear", 3000),
     "woodcock scalar": ("scalar", "woodcock", "linear", 2000),
     "march": ("", "march", "nearest", 2000),
     "march linear": ("", "march", "linear", 2000),
@@ -111,6 +113,17 @@ def test_order_1_of_a_homogeneous_medium_is_its_quadrature(
     assert np.all(result.image(order="2+") == 0)
 
 
+TOWARD = np.array((-0.42, -0.8, 0.43)) / np.linalg.norm((-0.42, -0.8, 0.43))
+
+
+@functools.cache
+def ways_out():
+    """From points all over the box, the ways to the eye and to the sun together."""
+    x = stats.qmc.Sobol(3, seed=1).random_base2(18) * SIZE
+    away = -np.divide(SUN.direction, np.linalg.norm(SUN.direction))
+    return sum(np.where(v > 0, (SIZE - x) / v, -x / v).min(-1) for v in (TOWARD, away))
+
+
 @pytest.mark.parametrize("box", [False, True], ids=["array", "box"])
 @pytest.mark.parametrize("sigma", [0.5, 3.0])
 def test_the_whole_of_order_1_is_its_integral(sigma, box):
@@ -118,19 +131,15 @@ def test_the_whole_of_order_1_is_its_integral(sigma, box):
 
     Known within 0.025 %. Mitsuba's `volpath` has +0.039 +- 0.010 % in the box of `to_mitsuba`.
     """
-    toward = np.array((-0.42, -0.8, 0.43)) / np.linalg.norm((-0.42, -0.8, 0.43))
-    eye = SIZE / 2 + 28 * toward
-    camera = mcrt.OrthographicCamera(eye, SIZE / 2, width=13, resolution=(12, 10))
-    x = stats.qmc.Sobol(3, seed=1).random_base2(20) * SIZE
-    away = -np.divide(SUN.direction, np.linalg.norm(SUN.direction))
-    way = [np.where(v > 0, (SIZE - x) / v, -x / v).min(-1) for v in (toward, away)]
-    true = 0.9 * sigma / (4 * np.pi) * SUN.irradiance * np.exp(-sigma * sum(way))
+    eye = SIZE / 2 + 28 * TOWARD
+    camera = mcrt.OrthographicCamera(eye, SIZE / 2, width=9, resolution=(12, 10))
+    true = 0.9 * sigma / (4 * np.pi) * SUN.irradiance * np.exp(-sigma * ways_out())
     volume, options = homogeneous(box, sigma, mcrt.Isotropic())
     result = run(
-        volume, **options, light=lit(SUN), camera=camera, max_scatterings=1, spp=640_000, seed=7
+        volume, **options, light=lit(SUN), camera=camera, max_scatterings=1, spp=250_000, seed=7
     )
     image, error = result.image().astype(float), result.image_error().astype(float)
-    true = true.mean() * SIZE.prod() / (13**2 * 10 / 12)
+    true = true.mean() * SIZE.prod() / (9**2 * 10 / 12)
     spread = np.sqrt((error**2).sum()) / error.size
     assert spread < 2.5e-4 * true
     assert abs(image.mean() - true) < comparing.limit() * spread
@@ -215,13 +224,13 @@ PAIRS = {
 def pair(name, monkeypatch, simd="", **options):
     monkeypatch.setenv("MCRT_SIMD", simd)
     base = {"spacing": SPACING, "extinction": 1.0, "albedo": 0.95, "light": lit(FAR)}
-    base |= {"phase": mcrt.HenyeyGreenstein(0.5), "camera": VIEW.camera(), "spp": 6000}
+    base |= {"phase": mcrt.HenyeyGreenstein(0.5), "camera": VIEW.camera(), "spp": 4000}
     return run(cloud(), **base | PAIRS[name] | options)
 
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_lanes_and_trackers_agree(name, monkeypatch):
-    lanes = pair(name, monkeypatch, tracker="woodcock", spp=12_000)
+    lanes = pair(name, monkeypatch, tracker="woodcock", spp=8000)
     scalar = pair(name, monkeypatch, "scalar", tracker="woodcock", seed=1)
     march = pair(name, monkeypatch, tracker="march", seed=2)
     assert [way(r.plan, "walk") for r in (lanes, scalar, march)] == ["in lanes"] + 2 * [
@@ -278,9 +287,20 @@ def test_paths_and_photons_agree(kind):
         )
 
 
-@pytest.mark.parametrize("tracker", ["woodcock", "march"])
-@pytest.mark.parametrize("kind", ["point", "inside", "environment", "map"])
-@pytest.mark.parametrize("scale", [0.1, 1.0], ids=["thin", "thick"])
+# Any two values of two parameters meet.
+@pytest.mark.parametrize(
+    ("kind", "scale", "tracker"),
+    [
+        ("point", 0.1, "woodcock"),
+        ("point", 1.0, "march"),
+        ("inside", 0.1, "march"),
+        ("inside", 1.0, "woodcock"),
+        ("environment", 0.1, "woodcock"),
+        ("environment", 1.0, "march"),
+        ("map", 0.1, "march"),
+        ("map", 1.0, "woodcock"),
+    ],
+)
 def test_each_channel_is_its_own_grey_run(kind, scale, tracker):
     """Extinctions of 1 : 5 : 20 in one walk."""
     light = {
@@ -292,10 +312,10 @@ def test_each_channel_is_its_own_grey_run(kind, scale, tracker):
     extinction = scale * np.array([0.2, 1.0, 4.0])
     common = {"spacing": SPACING, "light": light, "camera": VIEW.camera(), "albedo": 0.9}
     common |= {"phase": mcrt.HenyeyGreenstein(0.5)}
-    rgb = run(cloud(), extinction=extinction, tracker=tracker, spp=5000, **common)
+    rgb = run(cloud(), extinction=extinction, tracker=tracker, spp=4000, **common)
     assert "spectral MIS" in way(rgb.plan, "channels")
     for c in range(3):
-        grey = run(cloud(), extinction=extinction[c], spp=5000, seed=c + 1, **common)
+        grey = run(cloud(), extinction=extinction[c], spp=4000, seed=c + 1, **common)
         mine = rgb.image()[..., c], rgb.image_error()[..., c]
         assert_image(mine, grey.image(), grey.image_error(), what=f"channel {c}")
 
@@ -307,6 +327,7 @@ def test_the_origin_may_be_far_away(light, monkeypatch):
     view = View(VIEW.origin + away, VIEW.target + away, VIEW.resolution, fov=VIEW.fov)
     here = pair("linear", monkeypatch, light=light)
     there = pair("linear", monkeypatch, light=moved, origin=away, camera=view.camera())
+    # 2 %: coordinates of 5e6 are known to half a unit in single precision, fates of a few differ.
     np.testing.assert_allclose(there.image(), here.image(), rtol=0.02)
     assert_image(there, here.image(), here.image_error())
 
@@ -327,7 +348,7 @@ def replicas(kind, simd):
             phase=mcrt.HenyeyGreenstein(0.3),
             light=lit(SUN),
             camera=VIEW.camera(),
-            spp=800,
+            spp=500,
             seed=seed,
             threads=1,
         )
@@ -347,7 +368,7 @@ def test_error_bars_have_the_right_size(kind, simd, monkeypatch):
     z, relative = replicas(kind, simd)
     pixels = z.shape[1]
     free = (SEEDS - 1) * pixels
-    # Errors are known to a few percent (200 rays): they widen z by as little.
+    # Errors are known to a few percent (125 rays): they widen z by as little.
     low, high = stats.chi2.interval(1 - comparing.ALPHA, free)
     assert low * 0.97 < (z**2).sum() < high * 1.05
     assert relative.max() < 0.2
@@ -365,4 +386,5 @@ def test_errors_fall_as_one_over_the_root_of_the_samples(monkeypatch):
         np.sqrt(np.mean(pair("linear", monkeypatch, spp=spp).image_error().astype(float) ** 2))
         for spp in (400, 40_000)
     )
+    # 15 %: 400 samples know their error by some percent.
     assert few / many == pytest.approx(10, rel=0.15)

@@ -99,8 +99,8 @@ def test_more_samples_go_on_where_fewer_ended():
     volume = np.ones(SHAPE)
     goal = run(volume, spp=None, target_error=0.05, seed=5)
     given = run(volume, spp=goal.stats.spp, seed=5)
-    np.testing.assert_allclose(goal.image(), given.image(), rtol=1e-5)
-    np.testing.assert_allclose(goal.image_error(), given.image_error(), rtol=1e-5)
+    np.testing.assert_allclose(goal.image(), given.image(), rtol=1e-6)
+    np.testing.assert_allclose(goal.image_error(), given.image_error(), rtol=1e-6)
 
 
 # ---------------------------------------------------------------------------------- samples, merges
@@ -205,7 +205,7 @@ def test_layers_add_up():
 
 
 def test_target_error_is_reached_and_honest():
-    reference = run(spp=40_000, seed=10**6)
+    reference = run(spp=40_000, seed=10**6, backend="cpu")
     true = reference.image()
     bright = true > 0.05 * true.max()
     ratios = []
@@ -348,11 +348,14 @@ def test_one_voxel_is_a_box(light):
         other = run(volume, light=light, spp=800, seed=1)
         comparing.assert_z(one.image(), other.image(), one.image_error(), other.image_error())
         # Silhouettes cross pixels: alpha is the mean of some rays.
-        assert abs(one.alpha() - other.alpha()).mean() < 0.02 * one.alpha().mean()
+        assert abs(one.alpha() - other.alpha()).mean() < 5e-4 * one.alpha().mean()
 
 
 def test_a_thin_medium_is_its_first_order():
-    """tau 1e-6: order 1 is the density's integral, no weight is lost in rounding."""
+    """tau 1e-6: order 1 is the density's integral, no weight is lost in rounding.
+
+    .1 %: some 5e-4 of what is a hundred times thicker is attenuated.
+    """
     thin = run(extinction=1e-6, spp=4000)
     thick = run(extinction=1e-4, spp=4000, seed=1)
     comparing.assert_z(
@@ -362,7 +365,7 @@ def test_a_thin_medium_is_its_first_order():
         thick.image_error(),
         relative=1e-3,
     )
-    assert thin.image(order="2+").max() < 1e-4 * thin.image().max()
+    assert thin.image(order="2+").max() < 1e-5 * thin.image().max()
     assert thin.image().max() > 0
 
 

@@ -8,6 +8,8 @@ fills the picture, which is what a picture needs to look the same at 8 bits; 1 %
 and edges of the box cross coarse pixels.
 """
 
+import functools
+
 import comparing
 import mcrt
 import numpy as np
@@ -56,11 +58,21 @@ def assert_close(image, true, bound=0.002):
     assert comparing.relative_rms(image, true) < bound
 
 
-@pytest.mark.parametrize("phase", PHASES)
-@pytest.mark.parametrize("view", [LENS, FLAT], ids=["perspective", "orthographic"])
-@pytest.mark.parametrize("light", [OUTSIDE, BESIDE], ids=["point", "directional"])
-@pytest.mark.parametrize("sigma", [0.05, 0.5])  # times spacing 1: optical depths of a voxel
-def test_single_scattering_matches_quadrature(sigma, light, view, phase):
+# Any two values of two parameters meet. The extinction times spacing 1: optical depths of a voxel.
+@pytest.mark.parametrize(
+    ("phase", "light", "view", "sigma"),
+    [
+        ("isotropic", OUTSIDE, LENS, 0.05),
+        ("isotropic", BESIDE, FLAT, 0.5),
+        ("rayleigh", OUTSIDE, FLAT, 0.5),
+        ("rayleigh", BESIDE, LENS, 0.05),
+        ("hg0.8", OUTSIDE, LENS, 0.5),
+        ("hg0.8", BESIDE, FLAT, 0.05),
+        ("hg-0.4", OUTSIDE, FLAT, 0.05),
+        ("hg-0.4", BESIDE, LENS, 0.5),
+    ],
+)
+def test_single_scattering_matches_quadrature(phase, light, view, sigma):
     api, pdf = PHASES[phase]
     image = run(light, view, extinction=sigma, albedo=0.9, phase=api()).image()
     assert_close(image, truth.single_image(view, SIZE, sigma, 0.9, pdf, light, **QUADRATURE))
@@ -99,6 +111,7 @@ def test_single_scattering_matches_quadrature_with_the_light_inside(light, sigma
     ray = truth.single_scattering(
         origin[near], direction[near], SIZE, sigma, 0.9, truth.isotropic, light
     )
+    # 5 %: of the brightest pixel alone, within which the radiance has its peak.
     assert image[near] == pytest.approx((ray * weight).sum(), rel=0.05)
 
 
@@ -141,7 +154,7 @@ def test_albedo_of_each_voxel_scales_its_scattering():
     albedo[:, :, 6:] = 0.0
     view = View((-20, 4, 4), (3, 4, 4), (16, 16), width=4.0)
     image = run(BESIDE, view, extinction=0.3, albedo=albedo).image()
-    origin, direction, weight = view.rays(6)
+    origin, direction, weight = view.rays(3)
     both = truth.single_scattering(origin, direction, SIZE, 0.3, 0.8, truth.isotropic, BESIDE)
     # What the far half adds: seen from the plane x = 3 through 3 lengths of the near half, light
     # through all of the box.
@@ -150,7 +163,7 @@ def test_albedo_of_each_voxel_scales_its_scattering():
     points = origin[..., None, :] + (x - origin[..., :1])[..., None] * direction[..., None, :]
     _, fluence = truth.unscattered(BESIDE, points, SIZE, 0.3)
     far = (0.8 * 0.3 / (4 * np.pi) * fluence * np.exp(-0.3 * x) * w).sum(-1)
-    assert_close(image, ((both - far) * weight).sum(-1), 0.004)
+    assert_close(image, ((both - far) * weight).sum(-1))
 
 
 def test_order_1_of_a_photon_run_is_the_image_of_single():
@@ -163,12 +176,12 @@ def test_order_1_of_a_photon_run_is_the_image_of_single():
     )
 
 
-def blobs(linear):
+def blobs(linear, shape=SHAPE):
     """Heterogeneous density with voids; smooth where it is interpolated."""
     rng = np.random.default_rng(52)
     if not linear:
-        return np.where(rng.random(SHAPE) < 0.3, 0, rng.gamma(1.0, 1.0, SHAPE)).astype(np.float32)
-    z, y, x = (np.linspace(-1, 1, n) for n in SHAPE)
+        return np.where(rng.random(shape) < 0.3, 0, rng.gamma(1.0, 1.0, shape)).astype(np.float32)
+    z, y, x = (np.linspace(-1, 1, n) for n in shape)
     radius = np.sqrt(z[:, None, None] ** 2 + y[:, None] ** 2 + x**2)
     return np.clip(1.2 - radius, 0, None).astype(np.float32)
 
@@ -184,12 +197,14 @@ def test_alpha_is_one_minus_transmittance(interpolation, view):
         view.camera()
     )
     true = 1 - truth.transmittance_image(view, 0.4 * density, SPACING, linear, sub=4)
-    assert_close(alpha, true, 0.005)  # voxel faces cross the pixels
+    assert_close(alpha, true)
 
 
 # ---- fluence of order 0: voxel means
 
-SEEDS, LATTICES, GRIDS = 8, 8, 16
+SEEDS, LATTICES, GRIDS = 4, 8, 16
+FEW = (5, 6, 7)  # voxels: each is met by more of the rays of a truth
+AMID = Point((1.6, 2.6, 2.7), 5.0)
 FLUENCE = ("fluence", "fluence_error")
 
 
@@ -211,7 +226,8 @@ def assert_voxels(light, density, grids, ceiling=None, **options):
     total = values.sum((1, 2, 3)) / true.sum() - 1
     rms = np.sqrt(np.mean((values / true - 1) ** 2))
     print(f"total {np.abs(total).max():.1e}, doubt {doubt:.1e}, rms {rms:.1e}")
-    assert np.abs(total).max() < 0.002 + comparing.limit(1, GRIDS - 1) * doubt
+    # 0.05 %: the whole is sharper than its voxels, and has an error of 0.01 % where rays are drawn.
+    assert np.abs(total).max() < 5e-4 + comparing.limit(1, GRIDS - 1) * doubt
     assert ceiling is None or rms < ceiling
 
 
@@ -229,24 +245,25 @@ def test_fluence_of_a_light_inside_follows_beer_lambert(light, sigma):
 @pytest.mark.parametrize("sigma", [0.05, 0.5])
 @pytest.mark.parametrize("light", [OUTSIDE, BESIDE], ids=["point", "directional"])
 def test_fluence_of_a_light_outside_follows_beer_lambert(light, sigma):
-    density = np.full(SHAPE, sigma, np.float32)
+    density = np.full(FEW, sigma, np.float32)
     grids = truth_grids(light, density, False)
     assert_voxels(light, density, grids)
 
 
 def truth_grids(light, density, linear):
     """Fluence by rays of the truth's own."""
-    scene = (light, density.astype(float), SPACING, linear, (1.0,), 30 if linear else 60)
+    scene = (light, density.astype(float), SPACING, linear, (1.0,), 30 if linear else 40)
     return np.array([truth.order_0_by_rays(*scene, seed)[0, 0] for seed in range(GRIDS)])
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
 @pytest.mark.parametrize(
-    "light", [OUTSIDE, BESIDE, WITHIN], ids=["point", "directional", "light inside"]
+    "light", [OUTSIDE, BESIDE, AMID], ids=["point", "directional", "light inside"]
 )
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
 def test_fluence_in_a_heterogeneous_volume_follows_beer_lambert(interpolation, light):
-    density = 0.4 * blobs(interpolation == "linear")
+    # Of such depths that a density wrong by 1 % is seen.
+    density = (1.6 if interpolation == "linear" else 0.8) * blobs(interpolation == "linear", FEW)
     grids = truth_grids(light, density, interpolation == "linear")
     assert_voxels(light, density, grids, interpolation=interpolation)
 
@@ -257,7 +274,7 @@ def test_light_along_an_axis_is_attenuated_column_by_column():
     tau = 0.4 * density.astype(float) * SPACING[0]
     before = np.cumsum(tau, axis=0) - tau
     true = 2 * np.exp(-before) * np.where(tau > 0, -np.expm1(-tau) / np.where(tau > 0, tau, 1), 1)
-    np.testing.assert_allclose(fluence, true, rtol=0.01)
+    np.testing.assert_allclose(fluence, true, rtol=1e-4)
 
 
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
@@ -284,9 +301,14 @@ def test_fluence_of_a_pencil_beam_is_its_path_in_each_voxel(direction, interpola
     )
 
 
+@functools.cache
+def true_of_blobs():
+    return truth.fluence_of_order_0(OUTSIDE, 0.4 * blobs(True, FEW).astype(float), SPACING, True)
+
+
 @pytest.mark.parametrize("method", ["auto", "single", "photon"])
 def test_pure_absorber_follows_beer_lambert(method):
-    density = blobs(True)
+    density = blobs(True, FEW)
     options = {"photons": 1e4} if method == "photon" else {}
     result = run(
         OUTSIDE,
@@ -298,8 +320,8 @@ def test_pure_absorber_follows_beer_lambert(method):
         max_scatterings=None,
         **options,
     )
-    true = truth.fluence_of_order_0(OUTSIDE, 0.4 * density.astype(float), SPACING, True)
-    assert comparing.relative_rms(result.fluence, true) < 0.005
+    true = true_of_blobs()
+    assert comparing.relative_rms(result.fluence, true) < 0.002
     assert np.all(result.image() == 0)
     assert np.all(result.radiance == 0)
     assert result.energy.truncated == pytest.approx(0, abs=1e-6)

@@ -64,8 +64,8 @@ def test_slab_reflects_and_transmits_as_adding_doubling(
             value, true, np.hypot(comparing.fraction_error(true, photons), digits), what=name
         )
     if albedo == 1:
-        assert result.energy.absorbed == pytest.approx(0, abs=1e-6)
-        assert r + t == pytest.approx(1, abs=1e-5)
+        assert result.energy.absorbed == 0
+        assert r + t == pytest.approx(1, abs=1e-9)
 
 
 @pytest.mark.parametrize("axis", [1, 2])
@@ -149,7 +149,7 @@ def test_angle_resolved_radiance_matches_adding_doubling(side, i):
     assert abs(value - true) < comparing.limit(1, dof) * error + bias, (
         f"{value} +- {error}, truth {true} +- {bias}"
     )
-    assert error < 0.02 * true
+    assert error < 0.012 * true
 
 
 @pytest.mark.parametrize("side", ["R", "T"])
@@ -158,5 +158,6 @@ def test_voxel_size_bias_of_the_radiance_falls_with_the_layers(side):
         values = [radiance(side, mu, layers, 2e6, seed=16)[0] for mu in MU[:2]]
         return np.sqrt(np.mean((values / INTENSITY[side][:2] - 1) ** 2))
 
+    # By 64 if it falls as the square; the noise is .3 %.
     coarse, fine = rms(4), rms(32)
-    assert fine < max(0.25 * coarse, 0.005)
+    assert fine < max(coarse / 8, 0.008)

@@ -51,21 +51,33 @@ def run(density, photons=2e5, **options):
     return mcrt.simulate(density, photons=photons, **scene | options)
 
 
-def assert_same(a, b, what=("fluence",), flip=lambda x: x, relative=1e-3):
+def welch(errors, dofs):
+    """The least degrees of freedom of a difference's errors, by Welch and Satterthwaite."""
+    squares = [np.asarray(error, float) ** 2 for error in errors]
+    known = sum(squares) > 0
+    one, two = (square[known] for square in squares)
+    if not known.any():
+        return min(dofs)
+    return ((one + two) ** 2 / (one**2 / dofs[0] + two**2 / dofs[1])).min()
+
+
+def assert_same(a, b, what=("fluence",), flip=lambda x: x, relative=1e-4):
     """Two independent runs agree, voxel by voxel and in their energies."""
-    dof = min(comparing.dof(a), comparing.dof(b))
+    each = comparing.dof(a), comparing.dof(b)
     for name in what:
         value, error = getattr(a, name), getattr(a, name + "_error")
         other, other_error = flip(getattr(b, name)), flip(getattr(b, name + "_error"))
+        dof = welch((error, other_error), each)
         comparing.assert_z(value, other, error, other_error, dof=dof, relative=relative, what=name)
-    photons = (float(a.stats["photons"]), float(b.stats["photons"]))
-    for name in ("missed", "unscattered", "absorbed", "truncated"):
-        p, q = (
-            np.asarray(getattr(a.energy, name), float),
-            np.asarray(getattr(b.energy, name), float),
-        )
-        error = [comparing.fraction_error((p + q) / 2, n) for n in photons]
-        comparing.assert_z(p, q, error[0], error[1], relative=relative, what=name)
+    for name in ("unscattered", "absorbed"):
+        p, q = (np.asarray(r.energy[name], float) for r in (a, b))
+        errors = [np.asarray(r.energy[name + "_error"], float) for r in (a, b)]
+        dof = welch(errors, (7, 7))  # of 8 lattices of rays at least
+        comparing.assert_z(p, q, *errors, dof=dof, relative=relative, what=name)
+    assert np.all(a.energy.truncated == 0)
+    assert np.all(b.energy.truncated == 0)
+    # From seed to seed it scatters by 2e-5: photons are stratified over a cone about the box.
+    np.testing.assert_allclose(a.energy.missed, b.energy.missed, rtol=0, atol=1.5e-4)
 
 
 @cached
@@ -84,10 +96,10 @@ def reference(kind, interpolation, extinction):
 @pytest.mark.parametrize(
     ("kind", "interpolation", "extinction", "relative"),
     [
-        ("random", "nearest", 2.0, 1e-3),
-        ("random", "nearest", (0.5, 2.0, 5.0), 1e-3),
-        ("smooth", "linear", 2.0, 3e-3),  # march is exact for constant voxels only
-        ("spike", "nearest", 1.0, 1e-3),
+        ("random", "nearest", 2.0, 1e-4),
+        ("random", "nearest", (0.5, 2.0, 5.0), 1e-4),
+        ("smooth", "linear", 2.0, 1e-3),  # march is exact for constant voxels only
+        ("spike", "nearest", 1.0, 1e-4),
     ],
     ids=["grey", "chromatic", "linear", "spike"],
 )
@@ -104,7 +116,7 @@ def test_march_and_woodcock_agree(kind, interpolation, extinction, relative):
     assert (a.plan.tracker, b.plan.tracker) == ("woodcock", "march")
     assert_same(a, b, ("fluence", "radiance"), relative=relative)
     # The spike is one voxel among 210, whichever way it is crossed.
-    assert np.median(np.asarray(a.fluence_error) / a.fluence) < 0.05
+    assert np.median(np.asarray(a.fluence_error) / a.fluence) < 0.04
 
 
 def test_analytic_agrees_with_both_in_a_homogeneous_medium():
@@ -121,15 +133,9 @@ def test_chromatic_channels_are_those_of_three_grey_runs():
     rgb = reference("random", "nearest", extinction)
     for c, sigma in enumerate(extinction):
         grey = run(cloud(), 2e5, extinction=sigma, seed=64 + c)
-        dof = min(comparing.dof(rgb), comparing.dof(grey))
-        comparing.assert_z(
-            rgb.fluence[..., c],
-            grey.fluence,
-            rgb.fluence_error[..., c],
-            grey.fluence_error,
-            dof=dof,
-            relative=1e-3,
-        )
+        errors = rgb.fluence_error[..., c], grey.fluence_error
+        dof = welch(errors, (comparing.dof(rgb), comparing.dof(grey)))
+        comparing.assert_z(rgb.fluence[..., c], grey.fluence, *errors, dof=dof)
 
 
 # ---- free paths: with all scattering forward, at most n scatterings leave exp(-tau) sum_{k <= n}
@@ -172,9 +178,9 @@ def test_collisions_in_layers_are_poisson_distributed(tracker, n):
         true[reached],
         result.fluence_error[reached],
         dof=comparing.dof(result),
-        relative=5e-4,
     )
-    assert np.all(result.fluence[~reached] < 0.02)
+    # 1e3 photons scatter by 3 %.
+    assert np.all(result.fluence[~reached] < 1.2 * 1e3 / photons)
     through = stats.poisson.cdf(n, 12)
     comparing.assert_z(
         result.energy.truncated,
@@ -182,7 +188,8 @@ def test_collisions_in_layers_are_poisson_distributed(tracker, n):
         comparing.fraction_error(through, photons),
         relative=1e-5,
     )
-    assert result.energy.unscattered == pytest.approx(np.exp(-12), abs=20 / photons)
+    # 1.8 photons on average: 10 more in less than one of a million runs.
+    assert result.energy.unscattered == pytest.approx(np.exp(-12), abs=10 / photons)
 
 
 @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
@@ -219,7 +226,8 @@ def test_collisions_along_a_skew_line_are_poisson_distributed(tracker, interpola
         0.8 * density.astype(float), SPACING, start, direction, at_most(2), linear
     )
     long = true > 0.05 * true.max()  # the beam's voxels but for clipped corners
-    relative = 5e-3 if linear and tracker == "march" else 1e-3
+    # March is exact where voxels are constant: here within .1 %, measured over seeds.
+    relative = 1e-3 if linear and tracker == "march" else 1e-4
     comparing.assert_z(
         result.fluence[long],
         true[long],
@@ -300,11 +308,11 @@ def test_scaling_lengths_by_a_power_of_two_changes_no_photon(interpolation):
         light=mcrt.PointLight(tuple(np.divide(LIGHT, k)), 100.0 / k**2),
         camera=view.camera(),
     )
-    np.testing.assert_allclose(small.fluence, base.fluence, rtol=1e-3)
+    np.testing.assert_allclose(small.fluence, base.fluence, rtol=1e-6)
     np.testing.assert_allclose(
-        small.image(), base.image(), rtol=1e-3, atol=1e-6 * base.image().max()
+        small.image(), base.image(), rtol=1e-6, atol=1e-7 * base.image().max()
     )
-    assert small.energy.absorbed == pytest.approx(base.energy.absorbed, rel=1e-4)
+    assert small.energy.absorbed == pytest.approx(base.energy.absorbed, rel=1e-6)
 
 
 def test_scaling_lengths_by_any_factor_leaves_the_physics():
@@ -347,9 +355,7 @@ def test_permuting_the_axes_permutes_the_answer(axes, interpolation):
     mirrored = np.linalg.det(np.eye(3)[list(axes)]) < 0
     image, error = (a[:, ::-1] if mirrored else a for a in (base.image(), base.image_error()))
     dof = min(comparing.dof(base, "pixel"), comparing.dof(turned, "pixel"))
-    comparing.assert_z(
-        turned.image(), image, turned.image_error(), error, dof=dof, relative=1e-3, what="image"
-    )
+    comparing.assert_z(turned.image(), image, turned.image_error(), error, dof=dof, what="image")
     faces = [face for face in base.energy.escaped if face[0] == "-"]
     for face in faces:
         axis = "zyx".index(face[1])
@@ -373,9 +379,9 @@ def test_origin_far_away_loses_nothing():
         ).camera(),
         seed=75,
     )
-    np.testing.assert_allclose(there.fluence, here.fluence, rtol=1e-5)
+    np.testing.assert_allclose(there.fluence, here.fluence, rtol=1e-6)
     np.testing.assert_allclose(
-        there.image(), here.image(), rtol=1e-4, atol=1e-6 * here.image().max()
+        there.image(), here.image(), rtol=1e-6, atol=1e-7 * here.image().max()
     )
 
 

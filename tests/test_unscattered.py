@@ -56,8 +56,8 @@ def test_voxels_of_thick_media_absorb_what_the_balance_says(depth):
         seed=1,
     )
     ratio, error = absorbed_over_balance(result)
-    noise = comparing.fraction_error(result.energy.absorbed, 2e5) / result.energy.absorbed
-    assert abs(ratio - 1) < 0.002 + 3 * np.hypot(error, noise)
+    noise = result.energy.absorbed_error / result.energy.absorbed
+    assert abs(ratio - 1) < 3 * np.hypot(error, noise)
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
@@ -65,19 +65,20 @@ def test_voxels_of_a_thick_ramp_absorb_what_the_balance_says():
     ramp = np.broadcast_to(np.linspace(0, 1, 12)[:, None, None], (12, 12, 12))
     result = run(ramp, extinction=15, albedo=0.6, light=mcrt.PointLight((6, 5, 30), 100), seed=2)
     ratio, error = absorbed_over_balance(result)
-    assert abs(ratio - 1) < 0.002 + 3 * error
+    assert abs(ratio - 1) < 3 * error
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
 def test_layers_of_a_slab_under_a_low_sun_follow_beer_lambert():
     # Light comes from larger x. Where x is small it has come in by the upper face.
-    for mu0, layers, lit in ((0.3, 4, 40), (0.02, 1, 5)):
+    # The lowest sun's rays are few in what it lights: .05 % from seed to seed.
+    for mu0, layers, lit, bound in ((0.3, 4, 40, 5e-6), (0.02, 1, 5, 1.5e-3)):
         sun = mcrt.DirectionalLight((-np.sqrt(1 - mu0**2), 0, -mu0), 2.0)
         slab = np.ones((4, 6, 60))
         fluence = run(slab, extinction=1, albedo=0, interpolation="nearest", light=sun).fluence
         mean = fluence[::-1, :, :lit].mean((1, 2), dtype=float)[:layers]
         true = 2 * mu0 * -np.diff(np.exp(-np.arange(layers + 1) / mu0))
-        np.testing.assert_allclose(mean, true, rtol=0.002)
+        np.testing.assert_allclose(mean, true, rtol=bound)
 
 
 CALIBRATED = 60  # seeds
@@ -158,7 +159,8 @@ def test_a_change_of_one_voxel_by_little_changes_little(depth):
     a, b = (run(d, **options) for d in (density, other))
     for name in ("fluence", "absorbed", "radiance"):
         one, two = getattr(a, name).astype(float), getattr(b, name).astype(float)
-        assert np.abs(two - one).max() < 2e-5 * max(1, depth) * one.max()
+        # 1e-5 of the voxel's own, of what the brightest holds.
+        assert np.abs(two - one).max() < 4e-6 * one.max()
 
 
 @pytest.mark.cpu_only("found on the host whatever the backend")
@@ -172,8 +174,8 @@ def test_one_voxel_in_a_void_absorbs_what_the_balance_says(extinction):
     hat = np.concatenate([np.linspace(0, 1, 401)[:-1], np.linspace(1, 0, 401)])
     true = (1 - np.exp(-extinction * np.outer(hat, hat))).sum() / 400**2
     total, balance = result.absorbed.sum(dtype=float), result.energy.absorbed * 25
-    assert total == pytest.approx(true, rel=0.002)
-    assert balance == pytest.approx(true, rel=0.002)
+    assert total == pytest.approx(true, rel=1e-5)
+    assert balance == pytest.approx(true, rel=1e-5)
 
 
 PLACES = {
