@@ -314,8 +314,8 @@ ALLOWED = {  # relative bias, by tau; `path` has none
     "single": {"0.1": 0.001, "3": 0.002, "30": 0.005},
     # Fluence interpolated between voxels of depth tau / 35 (0.1, 3: / 21): falls with its square.
     "photon": {"0.1": 0.001, "3": 0.005, "30": 0.02},
-    # The same of order 1, which falls off as exp(-depth) from the box's faces: of voxels of depth h,
-    # averages have h^2 / 24 too much and lines between them up to h^2 / 8, at tau 30 (h .86) 12 %.
+    # The same of order 1, which falls off as exp(-depth) from the box's faces: voxels of depth h
+    # have averages h^2 / 24 too large and lines between them up to h^2 / 8: 12 % at tau 30, h .86.
     "environment": {"0.1": 0.002, "3": 0.01, "30": 0.11},
 }
 
