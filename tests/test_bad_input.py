@@ -392,7 +392,7 @@ def assert_finite(result, arguments, voxels):
 @pytest.mark.cpu_only("random scenes run on both backends in test_gpu.py")
 def test_any_call_gives_a_finite_result_or_an_mcrt_error():
     everything = bool(os.environ.get("MCRT_ALL_ON_GPU"))
-    seen, count = Counter(), 2500 if everything else 900
+    seen, count = Counter(), 2500 if everything else 600
 
     @settings(
         max_examples=count,

@@ -240,7 +240,7 @@ def test_ray_epsilon_takes_little(origin, unit, bias):
         ).camera(),
         max_scatterings=1,
     )
-    means = render(scene, spp=2048).mean((1, 2))
+    means = render(scene, spp=1024).mean((1, 2))
     comparing.assert_z(
         means.mean(), order_1_of_the_box(), stats.sem(means), dof=len(means) - 1, relative=bias
     )
